@@ -16,7 +16,6 @@ pub mod effects;
 mod error;
 mod evidence;
 mod fit;
-mod fourier;
 pub mod in_loop;
 mod judge;
 mod noise;

@@ -9,7 +9,7 @@
 //! least restrictive record sets the limit.
 
 use ndarray::ArrayView2;
-use plid_model::signal::fourier::sums_of_products;
+use plid_fourier::sums_of_products;
 
 use crate::record::Record;
 

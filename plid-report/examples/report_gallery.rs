@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 use std::path::PathBuf;
 
 use ndarray::{Array2, ArrayView1, Axis as Dimension, s};
+use num_complex::Complex64;
 use plid_model::signal::{
     CrossCorrelationOptions, ErrorMeasures, SignalError, WelchFrf, WelchOptions, WhitenessOptions, convergence,
     cross_correlation, error_measures, welch_frf, whiteness,
@@ -15,7 +16,6 @@ use plid_report::{
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use rustfft::num_complex::Complex64;
 
 const RATE: f64 = 1600.0;
 const SAMPLES: usize = 20_000;

@@ -1,4 +1,4 @@
-use rustfft::num_complex::Complex64;
+use num_complex::Complex64;
 
 use super::figure::{Stack, grid, single};
 use super::panel::{Axis, Panel, Scale, Series};

@@ -2,7 +2,7 @@
 use super::Segment;
 use crate::Warning;
 use ndarray::ArrayView1;
-use plid_model::signal::{fourier, mean};
+use plid_model::signal::mean;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -96,7 +96,7 @@ fn periodogram(values: ArrayView1<f64>) -> Vec<f64> {
             window * about
         })
         .collect();
-    fourier::forward(&windowed).iter().map(|z| z.norm_sqr()).collect()
+    plid_fourier::forward(&windowed).iter().map(|z| z.norm_sqr()).collect()
 }
 
 #[cfg(test)]

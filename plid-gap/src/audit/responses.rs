@@ -7,8 +7,7 @@ use plid_model::Model;
 use super::wiring::{Wire, Wiring};
 use crate::case::record::{Channels, Excitation, Record};
 use crate::error::GapError;
-use crate::fourier;
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// The largest delay that is considered, in samples.
 const REACH: usize = 1024;
@@ -71,7 +70,7 @@ impl Responses {
                     *to += y * s.conj() * simulated.factor;
                 }
             }
-            let lags = fourier::backward(&bins, record.length);
+            let lags = plid_fourier::backward(&bins, record.length);
             for (at, sum) in sums.iter_mut().enumerate() {
                 let lag = at as i64 - self.reach as i64;
                 *sum += lags[lag.rem_euclid(record.length as i64) as usize];
@@ -129,7 +128,7 @@ pub struct Simulated {
 
 fn driven(model: &Model, record: &Record, reach: usize) -> Result<Driven, GapError> {
     let (m, samples) = (model.m(), record.samples());
-    let length = fourier::good_length(samples + reach + 1);
+    let length = plid_fourier::good_length(samples + reach + 1);
     let y: Channels = record.y.iter().map(|y| centred(y)).collect();
     let mut s = Vec::new();
     for input in 0..m {
@@ -143,7 +142,7 @@ fn driven(model: &Model, record: &Record, reach: usize) -> Result<Driven, GapErr
     let bins = |x: &Vec<f64>| {
         let mut x = x.clone();
         x.resize(length, 0.0);
-        fourier::forward(&x)
+        plid_fourier::forward(&x)
     };
     let y_bins = y.iter().map(bins).collect();
     let s_bins = s.iter().map(|s| s.iter().map(bins).collect()).collect();

@@ -6,9 +6,8 @@
 
 use ndarray::Array2;
 
-use crate::fourier;
-use crate::fourier::C;
 use crate::settings::CaseSettings;
+use plid_fourier::C;
 
 /// Misfits below this are rounding.
 const ROUNDING: f64 = 1e-6;
@@ -139,9 +138,9 @@ impl<'s> Repeating<'s> {
 fn differences(u: &[f64]) -> Vec<f64> {
     let samples = u.len();
     let mut padded = u.to_vec();
-    padded.resize(fourier::good_length(2 * samples), 0.0);
-    let power: Vec<C> = fourier::forward(&padded).iter().map(|z| C::new(z.norm_sqr(), 0.0)).collect();
-    let products = fourier::backward(&power, padded.len());
+    padded.resize(plid_fourier::good_length(2 * samples), 0.0);
+    let power: Vec<C> = plid_fourier::forward(&padded).iter().map(|z| C::new(z.norm_sqr(), 0.0)).collect();
+    let products = plid_fourier::backward(&power, padded.len());
     let mut before = vec![0.0; samples + 1];
     (0..samples).for_each(|k| before[k + 1] = before[k] + u[k] * u[k]);
     (0..=samples / 2)

@@ -9,13 +9,13 @@ use crate::diagnose::finding::Finding;
 use crate::effects::Names;
 use crate::evidence::Evidence;
 use crate::fit::free_run::run;
-use crate::fourier::C;
 use crate::judge::explained::Explained;
 use crate::judge::locate::Map;
 use crate::judge::verdict::Adequacy;
 use crate::noise::NoiseModel;
 use crate::search::screen::Entry;
 use crate::simulate::{Fineness, simulate};
+use plid_fourier::C;
 
 /// The data of the report.
 pub struct Shown {

@@ -1,8 +1,8 @@
 use std::f64::consts::TAU;
 
 use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
-use crate::fourier::C;
 use crate::plant::Plant;
+use plid_fourier::C;
 
 /// A mode that the simulation lacks: q" + 2 zeta w q' + w^2 q = b.a. Each output measures the same derivative of c q as
 /// of the other modes.

@@ -1,6 +1,6 @@
 use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side};
-use crate::fourier::C;
 use crate::plant::plain_hz;
+use plid_fourier::C;
 
 /// A mode whose damping ratio differs from that of the simulation.
 pub struct ModalDamping;

@@ -1,7 +1,7 @@
 use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
 use std::f64::consts::TAU;
 
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// A delay of an output.
 pub struct SensorDelay;
@@ -58,13 +58,13 @@ impl Sensor for Delay {
 
 /// Delays a channel by any number of samples, with linear phase over the whole band; zero before the record.
 fn delay(y: &mut [f64], samples: f64) {
-    let length = crate::fourier::good_length(y.len() + samples.ceil() as usize + 64);
+    let length = plid_fourier::good_length(y.len() + samples.ceil() as usize + 64);
     let mut padded = y.to_vec();
     padded.resize(length, 0.0);
-    let mut spectrum = crate::fourier::forward(&padded);
+    let mut spectrum = plid_fourier::forward(&padded);
     for (k, bin) in spectrum.iter_mut().enumerate() {
         *bin *= C::cis(-TAU * k as f64 * samples / length as f64);
     }
-    let delayed = crate::fourier::backward(&spectrum, length);
+    let delayed = plid_fourier::backward(&spectrum, length);
     y.copy_from_slice(&delayed[..y.len()]);
 }

@@ -6,9 +6,8 @@
 //! Identification, 2012, chapter 4).
 
 use crate::case::record::{Channels, Excitation, Record};
-use crate::fourier;
-use crate::fourier::C;
 use crate::settings::EvidenceSettings;
+use plid_fourier::C;
 use plid_report::percent;
 
 /// Least number of periods that are averaged, since the noise is estimated from their differences. If as many follow
@@ -210,7 +209,7 @@ fn used(samples: usize, period: usize) -> Vec<usize> {
 /// Returns, for each line, the power of its periodic part over the periods that begin at `starts`, and the power of the
 /// noise in it.
 fn periods(x: &[f64], period: usize, starts: &[usize]) -> Vec<(f64, f64)> {
-    let each: Vec<Vec<C>> = starts.iter().map(|&from| fourier::forward(&x[from..from + period])).collect();
+    let each: Vec<Vec<C>> = starts.iter().map(|&from| plid_fourier::forward(&x[from..from + period])).collect();
     let count = each.len() as f64;
     // The transform of a line is half its amplitude times the number of samples.
     let scale = 2.0 / (period * period) as f64;

@@ -136,9 +136,9 @@ fn points(alone: &[Alone], mode: usize) -> Vec<Point> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fourier::C;
     use crate::prepare::{Known, prepare};
     use crate::testing::{case, random_input, run, truss};
+    use plid_fourier::C;
 
     /// Records of a truss whose second mode is shifted by `shift` at each level.
     fn found(shift: &dyn Fn(f64) -> C) -> (Vec<Alone>, Plant) {

@@ -9,9 +9,9 @@ use faer::{Accum, Mat, MatRef, Par};
 
 use crate::case::record::{Channels, Record};
 use crate::fit::nuisance::Nuisance;
-use crate::fourier::C;
 use crate::plant::{Actuator, Filter, Mode, Passed, Plant, Spectrum};
 use crate::simulate::{Fineness, simulate};
+use plid_fourier::C;
 
 /// Relative step of a pole or gain of the rest, for differences of the outputs: four of their digits are then right.
 const REST_STEP: f64 = 1e-4;

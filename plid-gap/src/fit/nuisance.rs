@@ -5,9 +5,9 @@
 use crate::case::Limits;
 use crate::case::record::Record;
 use crate::fit::jacobian::Jacobian;
-use crate::fourier::C;
 use crate::plant::{Plant, RestNumber, Spectrum};
 use crate::simulate::State;
+use plid_fourier::C;
 
 /// Prior standard deviation of an initial state, relative to the state that the input excites: wide enough for the
 /// record alone to determine the state.

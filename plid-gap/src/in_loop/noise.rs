@@ -1,7 +1,6 @@
 //! The noise level of records, estimated without a model of the simulator.
 
 use crate::case::record::{Channels, Excitation, Record, rms};
-use crate::fourier;
 
 /// Share of the band, at its upper end, whose power is taken for noise if nothing else shows the noise.
 const UPPER: f64 = 0.25;
@@ -68,11 +67,11 @@ fn quiet(record: &Record, error: &[f64]) -> (f64, f64) {
 
 /// Returns the standard deviation of white noise that has the power of the upper end of the band.
 fn upper(error: &[f64]) -> f64 {
-    let length = fourier::good_length_below(error.len());
+    let length = plid_fourier::good_length_below(error.len());
     // Hann's window keeps the low frequencies out of the upper end.
     let window = |k: usize| (std::f64::consts::PI * (k as f64 + 0.5) / length as f64).sin().powi(2);
     let tapered: Vec<f64> = error[..length].iter().enumerate().map(|(k, e)| e * window(k)).collect();
-    let bins = fourier::forward(&tapered);
+    let bins = plid_fourier::forward(&tapered);
     let from = ((1.0 - UPPER) * bins.len() as f64) as usize;
     let power = bins[from..].iter().map(|z| z.norm_sqr()).sum::<f64>() / (bins.len() - from).max(1) as f64;
     // The squares of the window have a mean of 3/8.

@@ -346,11 +346,11 @@ mod tests {
             let again = found.model.continuous.as_ref().unwrap();
             // d (s - A)^-1 b at s = 2 pi 100 i does not depend on the coordinates of the states.
             let response = |a: &DMatrix<f64>, port: &Port| {
-                let s = DMatrix::identity(n, n)
-                    .map(|x: f64| crate::fourier::C::new(0.0, std::f64::consts::TAU * 100.0 * x));
-                let force = DVector::from_vec(port.force.clone()).map(crate::fourier::C::from);
-                let x = (s - a.map(crate::fourier::C::from)).lu().solve(&force).unwrap();
-                port.displacement.iter().zip(x.iter()).map(|(d, x)| x * *d).sum::<crate::fourier::C>()
+                let s =
+                    DMatrix::identity(n, n).map(|x: f64| plid_fourier::C::new(0.0, std::f64::consts::TAU * 100.0 * x));
+                let force = DVector::from_vec(port.force.clone()).map(plid_fourier::C::from);
+                let x = (s - a.map(plid_fourier::C::from)).lu().solve(&force).unwrap();
+                port.displacement.iter().zip(x.iter()).map(|(d, x)| x * *d).sum::<plid_fourier::C>()
             };
             let (own, again) = (response(&a, &model.ports[0]), response(&again.a, port));
             assert!((own - again).norm() < 1e-6 * own.norm(), "{own} {again}");

@@ -7,11 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::fit::problem::Problem;
-use crate::fourier;
-use crate::fourier::C;
 use crate::judge::gap::middle;
 use crate::noise::NoiseModel;
 use crate::simulate::Fineness;
+use plid_fourier::C;
 
 /// Number of frequency bands.
 pub const BANDS: usize = 24;
@@ -178,11 +177,11 @@ fn blocks(records: &[Record], errors: &[Channels], noise: &NoiseModel, edges: &[
 
 /// Divides a signal into bands whose sum is the signal.
 fn bands(x: &[f64]) -> Vec<Vec<f64>> {
-    let spectrum = fourier::forward(x);
+    let spectrum = plid_fourier::forward(x);
     let last = (spectrum.len() - 1).max(1);
     let within = |band: usize| {
         let of = |(k, z): (usize, &C)| if (k * BANDS / last).min(BANDS - 1) == band { *z } else { C::ZERO };
-        fourier::backward(&spectrum.iter().enumerate().map(of).collect::<Vec<C>>(), x.len())
+        plid_fourier::backward(&spectrum.iter().enumerate().map(of).collect::<Vec<C>>(), x.len())
     };
     (0..BANDS).map(within).collect()
 }

@@ -12,12 +12,11 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::fourier;
-use crate::fourier::C;
 use crate::noise::model_error::ModelError;
 use crate::plant::Plant;
 use crate::settings::NoiseSettings;
 use crate::signal::notch;
+use plid_fourier::C;
 
 /// Relative width of the band that stands for what remains of a line whose phase wanders, after the line is removed.
 const LINE_WIDTH: f64 = 0.003;
@@ -39,13 +38,13 @@ impl Stretch {
     /// Computes the spectra of residuals (p channels) without their mean and trend. The power is that of the samples
     /// that are not missing (NaN).
     pub fn new(residual: &[Vec<f64>]) -> Self {
-        let length = fourier::good_length_below(residual[0].len());
+        let length = plid_fourier::good_length_below(residual[0].len());
         let bins = residual
             .iter()
             .map(|x| {
                 let mut x = x[..length].to_vec();
                 let scale = 1.0 / (detrend(&mut x).max(1) as f64).sqrt();
-                fourier::forward(&x).into_iter().map(|z| z * scale).collect()
+                plid_fourier::forward(&x).into_iter().map(|z| z * scale).collect()
             })
             .collect();
         Self { length, bins }

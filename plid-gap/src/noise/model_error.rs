@@ -7,8 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::case::record::{Channels, Excitation, Record};
-use crate::fourier;
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// Spectral density of the error at the level of the records in which it was found.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,8 +61,8 @@ impl ModelError {
         let quiet: Vec<Vec<f64>> = (0..=cells).map(|cell| noise(cell as f64 * step)).collect();
         for (record, error) in driven() {
             let square = (record.level() / level).powi(2);
-            let length = fourier::good_length_below(record.samples());
-            let spectra: Vec<Vec<C>> = error.iter().map(|e| fourier::forward(&e[..length])).collect();
+            let length = plid_fourier::good_length_below(record.samples());
+            let spectra: Vec<Vec<C>> = error.iter().map(|e| plid_fourier::forward(&e[..length])).collect();
             for k in 0..=length / 2 {
                 let cell = (k as f64 * rate / length as f64 / step).round() as usize;
                 weight[cell] += square * square;
@@ -100,7 +99,7 @@ fn repeating(error: &[Vec<f64>], period: usize) -> Option<Vec<Vec<f64>>> {
     let of = |e: &Vec<f64>| -> Vec<f64> {
         let mean: Vec<f64> =
             (0..period).map(|k| (1..periods).map(|j| e[j * period + k]).sum::<f64>() / (periods - 1) as f64).collect();
-        fourier::forward(&mean).iter().map(|z| z.norm_sqr() / period as f64).collect()
+        plid_fourier::forward(&mean).iter().map(|z| z.norm_sqr() / period as f64).collect()
     };
     Some(error.iter().map(of).collect())
 }
@@ -113,7 +112,7 @@ fn coherent(u: &[Vec<f64>], error: &[Vec<f64>], rate: f64) -> Option<(f64, Vec<V
     if length < LENGTHS[1] {
         return None;
     }
-    let length = fourier::good_length_below(length);
+    let length = plid_fourier::good_length_below(length);
     let starts: Vec<usize> = (0..).map(|k| k * length / 2).take_while(|at| at + length <= samples).collect();
     let window: Vec<f64> =
         (0..length).map(|k| (std::f64::consts::PI * (k as f64 + 0.5) / length as f64).sin().powi(2)).collect();
@@ -121,7 +120,7 @@ fn coherent(u: &[Vec<f64>], error: &[Vec<f64>], rate: f64) -> Option<(f64, Vec<V
     let bins = |x: &[f64]| -> Vec<Vec<C>> {
         let one = |at: &usize| {
             let part: Vec<f64> = x[*at..at + length].iter().zip(&window).map(|(x, w)| x * w).collect();
-            fourier::forward(&part)
+            plid_fourier::forward(&part)
         };
         starts.iter().map(one).collect()
     };

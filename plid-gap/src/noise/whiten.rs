@@ -8,10 +8,9 @@ use std::ops::{Range, RangeInclusive};
 use nalgebra::{DMatrix, DVectorView, DVectorViewMut};
 
 use crate::case::record::{Channels, Record};
-use crate::fourier;
-use crate::fourier::C;
 use crate::noise::NoiseModel;
 use crate::signal::notch;
+use plid_fourier::C;
 
 /// The whitening of one record.
 #[derive(Debug, Clone)]
@@ -36,7 +35,7 @@ const MODULATION_HZ: f64 = 25.0;
 impl Whitener {
     /// Creates the whitening of a record under a noise model.
     pub fn new(record: &Record, noise: &NoiseModel, rate: f64, masked: Vec<Vec<usize>>) -> Self {
-        let length = fourier::good_length_below(record.samples());
+        let length = plid_fourier::good_length_below(record.samples());
         let p = record.y.len();
         let level = record.level();
         let mut factors = Vec::new();
@@ -168,7 +167,7 @@ impl Whitener {
             }
         }
         let back = |(channel, bins): (usize, Vec<C>)| {
-            let mut y = fourier::backward(&bins, self.length);
+            let mut y = plid_fourier::backward(&bins, self.length);
             self.masked_samples(channel).for_each(|k| y[k] = 0.0);
             y
         };
@@ -178,7 +177,7 @@ impl Whitener {
     fn bins(&self, y: &[f64], channel: usize) -> Vec<C> {
         let mut y = y[..self.length].to_vec();
         self.masked_samples(channel).for_each(|k| y[k] = 0.0);
-        fourier::forward_of(&mut y)
+        plid_fourier::forward_of(&mut y)
     }
 
     fn masked_samples(&self, channel: usize) -> impl Iterator<Item = usize> {

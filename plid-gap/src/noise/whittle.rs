@@ -6,8 +6,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::fourier::C;
 use crate::noise::{Band, NoiseModel, Source, Stretch};
+use plid_fourier::C;
 
 /// Largest number of steps.
 const STEPS: usize = 30;

@@ -1,5 +1,5 @@
 use super::{CasePort, KindSource, Plant, Port};
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// The axis of each input, as a port, for a plant without lightly damped modes: a motor, a servo, a slider.
 ///

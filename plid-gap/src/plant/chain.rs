@@ -3,8 +3,8 @@ use std::f64::consts::TAU;
 use nalgebra::{DMatrix, DVector};
 
 use super::NonModal;
-use crate::fourier::C;
 use crate::settings::PlantSettings;
+use plid_fourier::C;
 
 /// Singular values of a sampled matrix below this are rounding. If the rest is one repeated pole and nothing else, all
 /// of them are.

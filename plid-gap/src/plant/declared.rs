@@ -2,7 +2,7 @@ use nalgebra::DVector;
 
 use super::motion::Row;
 use super::{Plant, Port, PortSource};
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// A port as a case declares it: where a force may act, by an input and an output (both from 0).
 #[derive(Debug, Clone, PartialEq, Eq)]

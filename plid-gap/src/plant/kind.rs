@@ -11,7 +11,7 @@ use plid_model::OutputKind;
 use serde::Serialize;
 
 use super::Plant;
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// Number of frequencies at which the orders are compared.
 const FREQUENCIES: usize = 120;

@@ -1,7 +1,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{Mode, NonModal, Plant, Port, SignalChain, put_pair, put_rotation};
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// A linear force at a port: f = -k d - c v - m dv/dt. Each number is in the units of the port and may be negative.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

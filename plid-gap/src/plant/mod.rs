@@ -20,8 +20,8 @@ use plid_model::{ModeKind, Model};
 
 use crate::case::ON_A_MODE;
 use crate::error::GapError;
-use crate::fourier::C;
 use crate::settings::PlantSettings;
+use plid_fourier::C;
 
 pub use chain::SignalChain;
 pub(crate) use chain::{Actuator, Filter};

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::Plant;
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// Frequencies at which an integral is compared with its integrand, and the lowest and the highest of them
 /// over the sample rate.

@@ -1,7 +1,7 @@
 use nalgebra::DVector;
 
 use super::{Mode, Plant, Port};
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// The source of the ports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]

@@ -2,7 +2,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::motion::{Motion, ROUNDING, Row};
 use super::{CasePort, Mode, Plant, Port, lowest};
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// The axis of each input, and the motion that each further output shows, as ports of a structure whose outputs are
 /// positions and velocities; `None` if an input has no collocated output.

@@ -1,7 +1,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{KindSource, NonModal, Plant, eigenvectors, phi1};
-use crate::fourier::C;
+use plid_fourier::C;
 
 /// Relative error up to which the eigenvectors reconstruct the matrix. Poles that nearly coincide have eigenvectors
 /// that do not, and such poles cannot be moved one by one.

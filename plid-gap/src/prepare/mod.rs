@@ -15,7 +15,6 @@ use crate::fit::free_run::{errors, outputs};
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Placed, Problem, dot};
 use crate::fit::refit::Refit;
-use crate::fourier::C;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch};
@@ -27,6 +26,7 @@ use crate::settings::{GapSettings, PrepareSettings, SignalSettings};
 use crate::signal::quantisation::{self, Quantisation};
 use crate::signal::{notch, peaks, tones};
 use crate::simulate::{Fineness, simulate};
+use plid_fourier::C;
 use plid_model::Model;
 
 /// A simulation with its records, prepared for fits.

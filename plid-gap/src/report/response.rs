@@ -2,9 +2,9 @@
 //! both alike.
 
 use ndarray::{Array2, s};
+use plid_fourier::Complex64;
 use plid_model::signal::{WelchFrf, WelchOptions, welch_frf};
 use plid_report::{Axis, Chart, FrfCurve, FrfPlot, Series, chart, frf_grid};
-use realfft::num_complex::Complex64;
 
 use super::words::{short, with};
 use crate::case::Case;

@@ -2,7 +2,6 @@
 
 use crate::case::record::Channels;
 use crate::fit::problem::Problem;
-use crate::fourier;
 use crate::prepare::of_ports;
 
 /// Returns the modes about which most of the residual of a linear model lies. `errors` are those of each fitted record
@@ -13,7 +12,7 @@ pub fn dominant(problem: &Problem, errors: &[Channels]) -> Vec<usize> {
     let mut shares = vec![0.0; plant.modes.len()];
     let mut all = 0.0;
     for error in errors.iter().flatten() {
-        let bins = fourier::forward(error);
+        let bins = plid_fourier::forward(error);
         for (k, bin) in bins.iter().enumerate() {
             let hz = k as f64 * plant.rate / error.len() as f64;
             let power = bin.norm_sqr();

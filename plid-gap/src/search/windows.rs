@@ -9,7 +9,7 @@ use crate::case::record::{Channels, Record, rms};
 use crate::fit::free_run::outputs;
 use crate::fit::problem::Problem;
 use crate::fit::refit::Refit;
-use crate::fourier::forward;
+use plid_fourier::forward;
 
 /// The windows of each driven record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

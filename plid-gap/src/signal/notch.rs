@@ -6,8 +6,8 @@ use std::f64::consts::TAU;
 use nalgebra::{DMatrix, DVector};
 
 use crate::case::record::Channels;
-use crate::fourier::C;
 use crate::plant::{Mode, Plant};
+use plid_fourier::C;
 
 /// Distance in s between the nodes of the modulation, which is linear between them. Of a line whose phase walks by one
 /// radian in a second, a hundredth of the power remains.

@@ -2,10 +2,9 @@
 
 use nalgebra::DMatrix;
 
-use crate::fourier;
-use crate::fourier::C;
 use crate::plant::Plant;
 use crate::settings::SignalSettings;
+use plid_fourier::C;
 
 /// Number of samples of a segment: the line of a mode of one per cent damping at a tenth of the sample rate is then a
 /// few bins wide.
@@ -51,7 +50,7 @@ impl Spectra {
             .collect();
         let spectrum = |x: &[f64]| {
             let windowed: Vec<f64> = x.iter().zip(&window).map(|(x, w)| x * w).collect();
-            fourier::forward(&windowed)
+            plid_fourier::forward(&windowed)
         };
         let mut segments = 0;
         for Driven { u, error: e } in driven {

@@ -3,9 +3,8 @@
 use std::f64::consts::TAU;
 
 use crate::case::record::Record;
-use crate::fourier;
-use crate::fourier::C;
 use crate::settings::SignalSettings;
+use plid_fourier::C;
 
 /// A spectral line.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,7 +37,7 @@ pub fn tones(stretches: &[Stretch], rate: f64, most: usize, settings: &SignalSet
     for channel in longest.residual {
         let windowed: Vec<f64> =
             channel.iter().enumerate().map(|(k, x)| x * (1.0 - (TAU * k as f64 / length as f64).cos())).collect();
-        let spectrum = fourier::forward(&windowed);
+        let spectrum = plid_fourier::forward(&windowed);
         let size: f64 = spectrum.iter().map(|z| z.norm_sqr()).sum::<f64>().max(f64::MIN_POSITIVE);
         power.iter_mut().zip(&spectrum).for_each(|(p, z)| *p += z.norm_sqr() / size);
     }
@@ -111,7 +110,7 @@ pub fn is_driven(record: &Record, rate: f64, hz: f64) -> bool {
     let resolution = rate / samples as f64;
     let harmonic = |fundamental: f64| (hz / fundamental - (hz / fundamental).round()).abs() * fundamental < resolution;
     record.u.iter().any(|u| {
-        let spectrum = fourier::forward(u);
+        let spectrum = plid_fourier::forward(u);
         let all: f64 = spectrum[1..].iter().map(|z| z.norm_sqr()).sum();
         let about = |hz: f64| -> f64 {
             let near = |k: usize| (k as f64 * resolution - hz).abs() <= NEAR_LINE * resolution;

@@ -7,9 +7,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::fourier::C;
 use crate::plant::{Carried, Plant, phi1};
 use crate::simulate::lanes::{self, Quad, Rows, WIDE};
+use plid_fourier::C;
 
 /// What is stepped: a plant over blocks, with forces and disturbances at ports (their numbers).
 pub struct Block {

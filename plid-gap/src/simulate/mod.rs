@@ -10,9 +10,9 @@ mod runner;
 
 use crate::case::record::Channels;
 use crate::effects::{Action, Drive, Force};
-use crate::fourier::C;
 use crate::plant::Plant;
 use crate::simulate::runner::{Runner, advance};
+use plid_fourier::C;
 
 /// Subdivision of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,11 +3,11 @@
 use nalgebra::DMatrix;
 
 use crate::effects::{Drive, Force};
-use crate::fourier::C;
 use crate::plant::{Carried, Plant};
 use crate::simulate::State;
 use crate::simulate::block::{Block, Maps};
 use crate::simulate::lanes::{self, Quad, Rows};
+use plid_fourier::C;
 
 /// Runs all samples. The loops over modes are short and gain from wide registers.
 #[multiversion::multiversion(targets("x86_64+avx2+fma"))]

@@ -1,7 +1,7 @@
 //! The report of a run: the verdict and the plots, followed by the detailed figures.
 
 use ndarray::Axis as Dimension;
-use rustfft::num_complex::Complex64;
+use num_complex::Complex64;
 
 use super::error::RunError;
 use super::report_simulation;

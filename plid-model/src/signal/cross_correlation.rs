@@ -3,7 +3,7 @@ use ndarray::ArrayView2;
 
 use super::correlation::{Correlation, CorrelationTest, centred, lags_outside, two_sided_quantile};
 use super::error::{SignalError, check_record, check_rows};
-use super::fourier::sums_of_products;
+use plid_fourier::sums_of_products;
 
 /// Settings of [`cross_correlation`].
 #[derive(Debug, Clone, Copy, PartialEq)]

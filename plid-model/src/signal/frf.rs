@@ -1,6 +1,6 @@
 use nalgebra::DMatrix;
 use ndarray::{Array2, Array3, ArrayView2, Axis, concatenate, s};
-use rustfft::num_complex::Complex64;
+use plid_fourier::Complex64;
 
 use super::error::{SignalError, check_record, check_rows};
 use super::spectra::{WelchOptions, welch_spectra};

@@ -8,7 +8,6 @@ mod correlation;
 mod cross_correlation;
 mod error;
 mod error_measures;
-pub mod fourier;
 mod frf;
 mod periodic;
 mod spectra;

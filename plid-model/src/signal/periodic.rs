@@ -1,9 +1,8 @@
 use nalgebra::DMatrix;
 use ndarray::{Array2, Array3, ArrayView2, Axis, s};
-use rustfft::num_complex::Complex64;
+use plid_fourier::Complex64;
 
 use super::error::{SignalError, check_positive, check_record, check_rows};
-use super::fourier;
 
 /// A record with a periodic input.
 #[derive(Debug, Clone, Copy)]
@@ -212,7 +211,7 @@ fn amplitudes(data: ArrayView2<f64>) -> Array2<Complex64> {
     let length = data.nrows();
     let mut result = Array2::zeros((length.div_ceil(2), data.ncols()));
     for (channel, column) in data.axis_iter(Axis(1)).enumerate() {
-        let lines = fourier::forward(&column.to_vec());
+        let lines = plid_fourier::forward(&column.to_vec());
         for (to, line) in result.column_mut(channel).iter_mut().zip(lines) {
             *to = line / length as f64;
         }

@@ -1,8 +1,7 @@
 use ndarray::{Array2, Array3, ArrayView1, ArrayView2, s};
-use rustfft::num_complex::Complex64;
+use plid_fourier::Complex64;
 
 use super::error::{SignalError, check_positive, check_record};
-use super::fourier;
 
 /// The segmentation of a record for Welch's method. Segments have a Hann window and overlap by half.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -110,7 +109,7 @@ fn add_periodogram(
     for (channel, column) in segment.columns().into_iter().enumerate() {
         let mean = column.sum() / length as f64;
         let windowed: Vec<f64> = column.iter().zip(window).map(|(x, w)| (x - mean) * w).collect();
-        spectrum.row_mut(channel).assign(&ArrayView1::from(&fourier::forward(&windowed)));
+        spectrum.row_mut(channel).assign(&ArrayView1::from(&plid_fourier::forward(&windowed)));
     }
     for line in 0..lines {
         for i in 0..channels {

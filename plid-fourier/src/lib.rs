@@ -1,22 +1,34 @@
 //! Discrete Fourier transforms of real signals.
+//!
+//! The transforms of the library `rustfft` are generic, and each crate that calls them compiles all of them. Only this
+//! crate does.
 
 use std::cell::RefCell;
 
 use realfft::RealFftPlanner;
-use rustfft::num_complex::Complex64;
+
+pub use realfft::num_complex::Complex64;
+
+/// A complex number, as short as equations need it.
+pub type C = Complex64;
 
 thread_local! {
     static PLANNER: RefCell<RealFftPlanner<f64>> = RefCell::new(RealFftPlanner::new());
 }
 
-/// Returns lines 0 to n/2 of the unscaled transform of `x` (n samples).
+/// Returns lines 0 to n/2 of the unscaled transform of `x` (n samples); none for no sample.
 pub fn forward(x: &[f64]) -> Vec<Complex64> {
+    forward_of(&mut x.to_vec())
+}
+
+/// Returns the same as [`forward`], and leaves other values in `x`.
+pub fn forward_of(x: &mut [f64]) -> Vec<Complex64> {
     if x.is_empty() {
         return Vec::new();
     }
     let plan = PLANNER.with(|planner| planner.borrow_mut().plan_fft_forward(x.len()));
-    let (mut signal, mut lines) = (x.to_vec(), plan.make_output_vec());
-    plan.process(&mut signal, &mut lines).expect("the buffers have the lengths of the plan");
+    let mut lines = plan.make_output_vec();
+    plan.process(x, &mut lines).expect("the buffers have the lengths of the plan");
     lines
 }
 
@@ -48,6 +60,25 @@ pub fn sums_of_products(x: &[f64]) -> Vec<f64> {
     let mut sums = backward(&power, padded.len());
     sums.truncate(x.len());
     sums
+}
+
+/// Returns the smallest length from `least` on that has no prime factor above 5.
+pub fn good_length(least: usize) -> usize {
+    (least.max(1)..).find(|&n| smooth(n)).expect("there is always one")
+}
+
+/// Returns the largest length up to `most` that has no prime factor above 5.
+pub fn good_length_below(most: usize) -> usize {
+    (1..=most).rev().find(|&n| smooth(n)).unwrap_or(0)
+}
+
+fn smooth(mut n: usize) -> bool {
+    for prime in [2, 3, 5] {
+        while n.is_multiple_of(prime) {
+            n /= prime;
+        }
+    }
+    n == 1
 }
 
 #[cfg(test)]
