@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::path::Path;
 
+use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
 use miette::Report;
 use plid::IdentifierError;
 use plid::catalogue::VariantError;
@@ -55,7 +56,8 @@ impl Failure {
         let (Self::Work(report) | Self::Input(report)) = self;
         // A terminal gets the text with the place marked; a log gets a line.
         let text = if io::stderr().is_terminal() {
-            format!("{report:?}")
+            let styled = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
+            marked(report, if styled { Renderer::styled() } else { Renderer::plain() })
         } else {
             let help = report.help().map(|help| format!(" ({help})")).unwrap_or_default();
             format!("plid: {report}{help}")
@@ -64,6 +66,27 @@ impl Failure {
         let _ = writeln!(io::stderr(), "{text}");
         if matches!(self, Self::Work(_)) { 1 } else { 2 }
     }
+}
+
+/// Returns an error as text that shows the lines of the file to which it points, with the places marked.
+fn marked(report: &Report, renderer: Renderer) -> String {
+    let mut group = Group::with_title(Level::ERROR.primary_title(report.to_string()));
+    let labels = || report.labels().into_iter().flatten();
+    // Only the lines with a mark and their neighbours are shown, so the whole file may be read.
+    let whole = labels().map(|label| label.offset() + label.len()).max().unwrap_or(0);
+    let source = report.source_code().and_then(|code| code.read_span(&(0, whole).into(), 0, 1).ok());
+    if let Some(source) = &source {
+        let mut snippet = Snippet::source(String::from_utf8_lossy(source.data())).path(source.name());
+        for label in labels() {
+            let span = label.offset()..label.offset() + label.len();
+            snippet = snippet.annotation(AnnotationKind::Primary.span(span).label(label.label().map(str::to_string)));
+        }
+        group = group.element(snippet);
+    }
+    if let Some(help) = report.help() {
+        group = group.element(Level::HELP.message(help.to_string()));
+    }
+    renderer.render(&[group])
 }
 
 impl From<RunError> for Failure {
@@ -134,5 +157,28 @@ impl From<StudyError> for Failure {
                 Self::work(error)
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A terminal shows the line with the unknown word, and the word that was meant.
+    #[test]
+    fn the_place_in_a_file_is_marked() {
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        #[expect(dead_code, reason = "the file is never read")]
+        struct Config {
+            states: usize,
+            samples: usize,
+        }
+        let text = "states = 4\nsampels = 100\n";
+        let error = plid::lab::data::config::from_toml::<Config>(text, "a.toml").unwrap_err();
+        let shown = marked(&error.into(), Renderer::plain());
+        assert!(shown.starts_with("error: a.toml, line 2: unknown field `sampels`"), "{shown}");
+        assert!(shown.contains("\n2 | sampels = 100\n  | ^^^^^^^ here"), "{shown}");
+        assert!(shown.contains("help: ") && shown.contains("samples"), "{shown}");
     }
 }
