@@ -76,7 +76,8 @@ impl Predictor {
                 .filter(|place| acts_at(place, effect, library, &setting))
                 .ok_or_else(|| malformed(format!("{}: it cannot act at `{}`", written.effect, written.location)))?;
             let mut parameters = Vec::new();
-            for parameter in effect.parameters(&setting) {
+            let is_written = |p: &Parameter| !p.optional || written.parameters.contains_key(&p.name);
+            for parameter in effect.parameters(&setting).into_iter().take_while(is_written) {
                 let value = written
                     .parameters
                     .get(&parameter.name)

@@ -1,6 +1,14 @@
+use super::slip::{advance, advance_skewed};
 use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
+/// Magnitude of h from which a loop is almost a curve.
+const MOST_SKEWED: f64 = 3.0;
+
 /// A joint that slips: an elastic element in series with friction (Bouc-Wen with n = 1).
+///
+/// With two parameters it yields as it is loaded and is elastic as it is unloaded (h = 1). With three, h says how the
+/// two differ: with h = 0 it is the model of Dahl, and below -1 its loops stiffen (Y.-K. Wen, J. Eng. Mech. Div. ASCE
+/// 102, 1976).
 ///
 /// On a single mode it is a joint that the simulation takes for stuck, as a simulation that was identified at a low
 /// level does: its spring k is part of the mode's stiffness and is removed there.
@@ -16,13 +24,14 @@ impl Effect for JointHysteresis {
     }
 
     fn equation(&self) -> &'static str {
-        "f = -k z, dz/dt = v - (abs(v) z + v abs(z)) / (2 dy)"
+        "f = -k z, dz/dt = v - (abs(v) z + h v abs(z)) / (2 dy); without h it is 1"
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![
             Parameter::new("k", "force/displacement", Range::Positive),
             Parameter::new("dy", "displacement", Range::Positive),
+            Parameter::new("h", "1", Range::Signed).or_left_out(),
         ]
     }
 
@@ -33,7 +42,9 @@ impl Effect for JointHysteresis {
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let port = setting.port(place);
         let (force, d) = (setting.force[port], setting.d_rms[port]);
-        [0.25, 0.8, 2.5].map(|share| vec![0.01 * force / d, share * d]).to_vec()
+        let plain = [0.25, 0.8, 2.5].map(|share| vec![0.01 * force / d, share * d]);
+        let skewed = [0.0, -1.0].into_iter().flat_map(|h| [0.4, 1.2].map(|share| vec![0.01 * force / d, share * d, h]));
+        plain.into_iter().chain(skewed).collect()
     }
 
     fn amplitude(&self) -> Option<(usize, f64)> {
@@ -41,8 +52,10 @@ impl Effect for JointHysteresis {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        // Above, it never yields and is a spring; far below, it is Coulomb friction.
-        (0.01..10.0).contains(&(parameters[1] / setting.d_rms[setting.port(place)]))
+        // Above, it never yields and is a spring; far below, it is Coulomb friction. With a large h it is a nonlinear
+        // spring, whose curve is the same up and down.
+        let skew = parameters.get(2).copied().unwrap_or(1.0).abs();
+        (0.01..10.0).contains(&(parameters[1] / setting.d_rms[setting.port(place)])) && skew < MOST_SKEWED
     }
 
     fn free_shape(&self) -> Option<&'static Flexible> {
@@ -52,8 +65,12 @@ impl Effect for JointHysteresis {
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let (k, dy) = (parameters[0], parameters[1]);
         let port = setting.port(place);
-        let mut actions: Vec<Action> = vec![Action::Force(port, Box::new(Joint { k, dy }))];
-        if setting.is_on_a_mode(port) {
+        let force: Box<dyn Force> = match parameters.get(2) {
+            Some(h) => Box::new(Skewed { k, rise: (1.0 + h) / (2.0 * dy), fall: (1.0 - h) / (2.0 * dy) }),
+            None => Box::new(Joint { k, dy }),
+        };
+        let mut actions: Vec<Action> = vec![Action::Force(port, force)];
+        if setting.is_on_a_mode(port) || parameters.len() > 2 && setting.plant.modes.len() == 1 {
             actions.push(Action::Plant(Box::new(move |plant| plant.take_spring(port, k))));
         }
         actions
@@ -71,6 +88,23 @@ impl Force for Joint {
     }
 
     fn advance(&self, from: f64, to: f64, state: f64) -> f64 {
-        super::slip::advance(state, to - from, 1.0, self.dy)
+        advance(state, to - from, 1.0, self.dy)
+    }
+}
+
+/// A joint that yields at one rate as it is loaded and at another as it is unloaded, over the displacement.
+struct Skewed {
+    k: f64,
+    rise: f64,
+    fall: f64,
+}
+
+impl Force for Skewed {
+    fn force(&self, _d: f64, _v: f64, state: f64) -> f64 {
+        -self.k * state
+    }
+
+    fn advance(&self, from: f64, to: f64, state: f64) -> f64 {
+        advance_skewed(state, to - from, self.rise, self.fall)
     }
 }

@@ -155,12 +155,19 @@ pub struct Parameter {
     pub unit: String,
     /// Its range.
     pub range: Range,
+    /// Whether it may be left out, with those behind it: the equation then has a value of its own.
+    pub optional: bool,
 }
 
 impl Parameter {
     /// Creates a parameter.
     pub fn new(name: impl Into<String>, unit: impl Into<String>, range: Range) -> Self {
-        Self { name: name.into(), unit: unit.into(), range }
+        Self { name: name.into(), unit: unit.into(), range, optional: false }
+    }
+
+    /// Returns the same parameter as one that may be left out.
+    fn or_left_out(self) -> Self {
+        Self { optional: true, ..self }
     }
 }
 

@@ -81,9 +81,9 @@ impl Problem {
         let mut first = 0;
         for placed in effects {
             let mut length = vec![0.0; scales.len()];
-            for (k, parameter) in placed.effect.parameters(&self.setting).iter().enumerate() {
+            let kinds = placed.effect.parameters(&self.setting);
+            for (k, (parameter, &value)) in kinds.iter().zip(&placed.parameters).enumerate() {
                 if parameter.range == Range::Direction {
-                    let value = placed.parameters[k];
                     length[first + k] = value * scales[first + k].slope(value);
                 }
             }

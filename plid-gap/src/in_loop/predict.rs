@@ -131,7 +131,9 @@ impl LoopPredictor {
                 let value = written.parameters.get(&parameter.name).map(|value| value.value);
                 value.filter(|value| value.is_finite()).ok_or_else(|| format!("{name} has no `{}`", parameter.name))
             };
-            let values = effect.parameters(&self.setting).into_iter().map(value).collect::<Result<_, _>>()?;
+            let is_written = |p: &crate::effects::Parameter| !p.optional || written.parameters.contains_key(&p.name);
+            let all = effect.parameters(&self.setting).into_iter().take_while(is_written);
+            let values = all.map(value).collect::<Result<_, _>>()?;
             placed.push(Placed { effect, place, parameters: values });
         }
         for (k, (effect, given)) in parameters.iter().zip(&self.written.simulator.parameters).enumerate() {

@@ -43,12 +43,17 @@ pub struct SignalChain {
 }
 
 impl SignalChain {
+    /// Returns a chain without actuators (m) and filters (p).
+    pub(super) fn none(m: usize, p: usize) -> Self {
+        Self { actuator: vec![None; m], filter: vec![Vec::new(); p] }
+    }
+
     /// Finds the poles that belong to one input or to one output alone. `lowest` is the magnitude of the lowest mode's
     /// pole: in a structure that nothing holds, slower poles are those of its motion as a rigid body.
     pub(super) fn find(rest: &NonModal, step: f64, lowest: f64, settings: &PlantSettings) -> Self {
         let PlantSettings { repeated_pole, own_channel, integrator, .. } = *settings;
         let (r, m, p) = (rest.a.nrows(), rest.b.ncols(), rest.c.nrows());
-        let mut chain = Self { actuator: vec![None; m], filter: vec![Vec::new(); p] };
+        let mut chain = Self::none(m, p);
         if r == 0 {
             return chain;
         }

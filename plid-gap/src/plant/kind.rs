@@ -92,6 +92,12 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     }
 }
 
+/// Returns the mean distance of the responses of all outputs from those that actuators, modes, filters and sensors
+/// together have; NaN if it is not known.
+pub(super) fn misfit(plant: &Plant) -> f64 {
+    (0..plant.p).map(|o| distance(plant, o, plant.sensed[o].order)).sum::<f64>() / plant.p as f64
+}
+
 /// Infers the order of a plant without modes from the decay of its response at high frequencies. A force causes an
 /// acceleration at once; a velocity decays as 1/s, and a position as 1/s^2.
 fn by_slope(plant: &Plant, output: usize) -> Sensed {
@@ -174,6 +180,20 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// A slow pole beside a mode is no actuator before it, although one input drives all poles: a model identified from
+    /// records of a position, whose slow pole contributes half of the static response.
+    #[test]
+    fn a_slow_pole_beside_a_mode_is_no_lag() {
+        let (w, slow, rate) = (250.0, 19.0, 750.0);
+        let a = nalgebra::dmatrix![0.0, 1.0, 0.0; -w * w, -0.1 * w, 0.0; 0.0, 0.0, -slow];
+        let (a, b) = testing::held(&a, &nalgebra::dmatrix![0.0; 1.0; slow / (w * w)], 1.0 / rate);
+        let c = nalgebra::dmatrix![1.0, 0.0, 1.0];
+        let model = plid_model::Model::new(rate, a, b, c, DMatrix::zeros(1, 1)).unwrap();
+        let plant = Plant::new(&model).unwrap();
+        assert_eq!(plant.sensed[0], Sensed { order: 0, source: KindSource::Inferred });
+        assert!(!plant.chain.known());
     }
 
     #[test]

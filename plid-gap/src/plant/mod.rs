@@ -16,7 +16,7 @@ mod reciprocal;
 mod spectrum;
 
 use nalgebra::{DMatrix, DVector};
-use plid_model::{ModeKind, Model};
+use plid_model::{ModeKind, Model, OutputKind};
 
 use crate::case::ON_A_MODE;
 use crate::error::GapError;
@@ -234,10 +234,22 @@ impl Plant {
             settings: settings.clone(),
         };
         plant.sensed = kind::sensed(&plant, &model.output_kinds);
+        let mut plant = plant.with_the_chain_that_fits(&model.output_kinds);
         let declared: Vec<Port> = model.ports.iter().map(|port| plant.declared(model, port)).collect();
         (plant.ports, plant.port_source) =
             if declared.is_empty() { inferred(&plant, model) } else { (declared, PortSource::Declared) };
         Ok(plant)
+    }
+
+    /// Returns the plant without actuators and filters if its responses are nearer to those of its modes alone. With
+    /// one input and one output, every further pole is that of one channel, wherever it acts.
+    fn with_the_chain_that_fits(self, declared: &[Option<OutputKind>]) -> Self {
+        if !self.chain.known() || self.modes.is_empty() {
+            return self;
+        }
+        let mut bare = Self { chain: SignalChain::none(self.m, self.p), ..self.clone() };
+        bare.sensed = kind::sensed(&bare, declared);
+        if kind::misfit(&bare) < kind::misfit(&self) { bare } else { self }
     }
 
     /// Returns a declared port in modal coordinates.
