@@ -51,7 +51,7 @@ impl Nuisance {
         let spectrum = Spectrum::of(plant);
         std.extend(spectrum.iter().flat_map(|spectrum| &spectrum.numbers).map(|number| match number {
             RestNumber::Frequency(_) => limits.frequency / 2.0,
-            RestNumber::Rate(_) | RestNumber::Damping(_) => limits.damping / 2.0,
+            RestNumber::Rate(_) | RestNumber::Damping(_) | RestNumber::Contribution => limits.damping / 2.0,
             RestNumber::Input(_) | RestNumber::Output(_) => limits.shape / 2.0,
         }));
         let starts = records
