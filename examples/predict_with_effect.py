@@ -33,6 +33,28 @@ def slip(z, delta, slope, width):
     return sign * (limit + (along - limit) * math.exp(-left / width))
 
 
+def skewed_slip(z, delta, rise, fall):
+    """dz/dx = 1 - rise |z| while |z| grows and 1 + fall |z| while it falls, exactly, as above."""
+    def moved(z, way, rate):
+        return z - (z - 1 / rate) * -math.expm1(-rate * way) if rate else z + way
+    sign = math.copysign(1, delta)
+    along, left = sign * z, abs(delta)
+    if along < 0:
+        end = moved(along, left, fall)
+        if end < 0:
+            return sign * end
+        left -= math.log1p(-fall * along) / fall if fall else -along
+        along = 0.0
+    return sign * moved(along, left, rise)
+
+
+def yielding(z, delta, p):
+    """A joint's slip. Without h, it is elastic as it is unloaded."""
+    if "h" not in p:
+        return slip(z, delta, 1.0, p["dy"])
+    return skewed_slip(z, delta, (1 + p["h"]) / (2 * p["dy"]), (1 - p["h"]) / (2 * p["dy"]))
+
+
 def ramp(x, first, second):
     """Zero up to the first knot; from there on its slope rises evenly, to one at the second."""
     width, past = second - first, max(x - first, 0)
@@ -201,7 +223,7 @@ HOLDS = {"stick-friction": lambda p: p["Fs"]}
 SEVERAL = {"free-joint": lambda p: [("joint-hysteresis", {"k": s * p["size"] / p["unit"], "dy": share * p["unit"]})
                                     for s, share in zip(p["s"], YIELDS)]}
 # How z changes while d moves by `delta`.
-SLIPS = {"joint-hysteresis": lambda z, delta, p: slip(z, delta, 1.0, p["dy"])}
+SLIPS = {"joint-hysteresis": yielding}
 # Forces of the time alone.
 DISTURBANCES = {"narrowband-disturbance": lambda t, p: p["a"] * np.sin(TAU * p["f"] * t + p["phi"])}
 # Every w^2 is multiplied by this.

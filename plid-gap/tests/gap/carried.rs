@@ -71,12 +71,16 @@ impl Bench {
         Self { model, plant, setting, u: rig.u }
     }
 
-    /// Returns sizes at which an effect is visible: those from which a fit starts; for a free shape, decreasing
-    /// coefficients of either sign.
+    /// Returns sizes at which an effect is visible: those from which a fit starts, on a mode with the parameters that
+    /// may be left out; for a free shape, decreasing coefficients of either sign.
     fn sizes(&self, effect: &dyn Effect, place: &Place) -> Vec<f64> {
         // An effect on the noise alone has no start.
         let any = || vec![1.0; effect.parameters(&self.setting).len()];
-        let start = effect.starts(&self.setting, place).into_iter().next().unwrap_or_else(any);
+        let mut starts = effect.starts(&self.setting, place);
+        if matches!(*place, Place::Port(port) if self.setting.is_on_a_mode(port)) {
+            starts.sort_by_key(|start| std::cmp::Reverse(start.len()));
+        }
+        let start = starts.into_iter().next().unwrap_or_else(any);
         if Flexible::named(effect.name()).is_none() {
             return start;
         }

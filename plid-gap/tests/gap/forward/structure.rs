@@ -21,6 +21,7 @@ pub const CHECKS: &[Check] = &[
     Check { effect: "clearance", limit: 2.5e-3, measure: |effect| CLEARANCE.disagreement(effect) },
     Check { effect: "backlash", limit: 2.5e-3, measure: |effect| BACKLASH.disagreement(effect) },
     Check { effect: "joint-hysteresis", limit: 2.5e-3, measure: |effect| HYSTERESIS.disagreement(effect) },
+    Check { effect: "joint-hysteresis", limit: 2.5e-3, measure: |effect| STIFFENING_JOINT.disagreement(effect) },
     Check { effect: "quadratic-damping", limit: 2.5e-3, measure: |effect| DRAG.disagreement(effect) },
     Check { effect: "modal-frequency", limit: 1e-5, measure: |effect| moved(effect, 0.02, 1.02, 1.0) },
     Check { effect: "modal-damping", limit: 1e-5, measure: |effect| moved(effect, 1.6, 1.0, 1.6) },
@@ -102,6 +103,13 @@ const HYSTERESIS: Law = Law {
     slip: |p, v, z| v - (v.abs() * z + v * z.abs()) / (2.0 * p[1]),
 };
 
+const STIFFENING_JOINT: Law = Law {
+    effect: "joint-hysteresis",
+    parameters: |d, _| vec![0.1 / d, 1.5 * d, -1.4],
+    force: |p, _, _, z| -p[0] * z,
+    slip: |p, v, z| v - (v.abs() * z + p[2] * v * z.abs()) / (2.0 * p[1]),
+};
+
 const DRAG: Law = Law {
     effect: "quadratic-damping",
     parameters: |_, v| vec![0.05 / v.powi(2)],
@@ -128,7 +136,7 @@ const STOP: Law = Law {
     slip: NONE,
 };
 
-const LAWS: [&Law; 6] = [&CUBIC, &QUADRATIC, &COULOMB, &CLEARANCE, &HYSTERESIS, &DRAG];
+const LAWS: [&Law; 7] = [&CUBIC, &QUADRATIC, &COULOMB, &CLEARANCE, &HYSTERESIS, &STIFFENING_JOINT, &DRAG];
 
 /// The port at which the forces act.
 pub const STRUT: usize = 1;
