@@ -55,7 +55,8 @@ pub(crate) fn named(
         let first = at;
         let half = |at: usize| quantile * best.covariance[(at, at)].max(0.0).sqrt();
         for (parameter, &value) in placed.effect.parameters(setting).into_iter().zip(&placed.parameters) {
-            parameters.insert(parameter.name, stated(value, half(at), parameter.unit));
+            let unit = setting.unit_of(&parameter, &placed.place);
+            parameters.insert(parameter.name, stated(value, half(at), unit));
             at += 1;
         }
         let share = shares.get(which);
@@ -90,7 +91,12 @@ fn of_stochastic(shown: &Stochastic, setting: &Setting, confidence: f64) -> Name
         confidence,
         share: None,
         share_ci95: None,
-        parameters: all.map(|(p, (&value, &std))| (p.name, stated(value, half(value, std), p.unit))).collect(),
+        parameters: all
+            .map(|(p, (&value, &std))| {
+                let unit = setting.unit_of(&p, &placed.place);
+                (p.name, stated(value, half(value, std), unit))
+            })
+            .collect(),
         change: None,
         shape_differs: cuts(placed) || wanders(placed),
     }
@@ -102,7 +108,7 @@ fn changed(placed: &Placed, setting: &Setting, refitted: &Setting, half: f64) ->
     let &[value] = placed.parameters.as_slice() else { return None };
     let at = |setting: &Setting, parameter: f64| placed.effect.change(setting, &placed.place, &[parameter]);
     let [given, to, end] = [at(setting, value)?, at(refitted, value)?, at(refitted, value + half)?];
-    let to = stated(to.to, (end.to - to.to).abs(), to.unit);
+    let to = stated(to.to, (end.to - to.to).abs(), setting.unit(&to.unit, &placed.place));
     Some(Change { number: given.number, from: given.from, to })
 }
 

@@ -85,7 +85,10 @@ pub(crate) fn written(
 /// Returns an effect in a form for other programs. `refitted` is the setting with the linear simulation after the fit.
 pub(crate) fn written_effect(placed: &Placed, setting: &Setting, refitted: &Setting) -> WrittenEffect {
     let parameters = placed.effect.parameters(setting).into_iter().zip(&placed.parameters);
-    let value = |(p, &value): (Parameter, &f64)| (p.name, Value { value, ci95: None, unit: p.unit });
+    let value = |(p, &value): (Parameter, &f64)| {
+        let unit = setting.unit_of(&p, &placed.place);
+        (p.name, Value { value, ci95: None, unit })
+    };
     WrittenEffect {
         effect: placed.effect.name().into(),
         location: written_place(placed, setting),

@@ -1,6 +1,7 @@
 //! The evidence in sentences.
 
 use crate::answer::motion;
+use crate::effects::Place;
 use crate::evidence::Evidence;
 use crate::fit::candidate::{in_words, same};
 use crate::fit::problem::Placed;
@@ -91,11 +92,13 @@ fn of_records(explained: &Explained) -> Vec<String> {
             quiet ones: a random effect acts there."
         )
     });
-    let outputs = ready.quantisation.iter().zip(&ready.problem.setting.names.outputs);
-    let cut = outputs.filter(|(quantisation, _)| quantisation.cut);
-    let cut = cut.map(|(quantisation, output)| {
+    let setting = &ready.problem.setting;
+    let outputs = ready.quantisation.iter().zip(&setting.names.outputs).enumerate();
+    let cut = outputs.filter(|(_, (quantisation, _))| quantisation.cut);
+    let cut = cut.map(|(o, (quantisation, output))| {
+        let unit = setting.unit("V", &Place::Output(o));
         format!(
-            "The converter of {output} truncates towards zero: half a step, {:.4} V, was added to its values before \
+            "The converter of {output} truncates towards zero: half a step, {:.4} {unit}, was added to its values before \
             all fits.",
             quantisation.step / 2.0
         )

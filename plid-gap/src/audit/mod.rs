@@ -17,7 +17,7 @@ mod surrogate;
 mod wiring;
 
 use crate::case::Case;
-use crate::effects::Library;
+use crate::effects::{Library, Units};
 use crate::error::GapError;
 use crate::prepare::Known;
 use crate::settings::step::Step;
@@ -114,6 +114,11 @@ fn look(
     let (prior_std, model_error) =
         surrogate.clone().map_or_else(Default::default, |surrogate| (surrogate.prior_std, surrogate.model_error));
     let known = Known {
+        units: Units {
+            inputs: case.config.units_of(&case.config.inputs),
+            outputs: case.config.units_of(&case.config.outputs),
+            ..Units::default()
+        },
         ports: ports::of_case(&case)?,
         limits: case.config.nuisance,
         prior_std,

@@ -44,6 +44,9 @@ pub struct CaseConfig {
     /// Quantities that the outputs measure, by name. If absent, they are those that the simulation declares or shows.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub output_kinds: BTreeMap<String, OutputKind>,
+    /// Units of the channels, by name. Quantities of the answer are given in them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub units: BTreeMap<String, String>,
     /// Places where forces may act that depend on the motion, each by an input and an output.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub port: Vec<PortConfig>,
@@ -203,6 +206,7 @@ impl CaseConfig {
             inputs,
             outputs,
             output_kinds: BTreeMap::new(),
+            units: BTreeMap::new(),
             port: Vec::new(),
             suspects: Vec::new(),
             exclude: Vec::new(),
@@ -233,6 +237,7 @@ impl CaseConfig {
         if let Some(name) = self.output_kinds.keys().find(|name| !self.outputs.contains(name)) {
             problems.push(("output_kinds", format!("`{name}` is not one of the outputs")));
         }
+        problems.extend(self.unit_problems());
         problems.extend(self.port_problems());
         let ratio = match self.ratio() {
             Ok(ratio) => ratio,
@@ -264,6 +269,19 @@ impl CaseConfig {
         }
         problems.extend(self.settings.problems());
         problems
+    }
+
+    /// Returns the invalid units, as key and reason.
+    fn unit_problems(&self) -> Vec<(&'static str, String)> {
+        let names: Vec<String> = self.inputs.iter().chain(&self.outputs).cloned().collect();
+        let problem = |(name, unit): (&String, &String)| {
+            if unit.trim().is_empty() {
+                return Some(("units", format!("the unit of `{name}` is empty")));
+            }
+            let meant = || nearest(name, &names).map(|name| format!("; did you mean `{name}`?")).unwrap_or_default();
+            (!names.contains(name)).then(|| ("units", format!("`{name}` is not one of the channels{}", meant())))
+        };
+        self.units.iter().filter_map(problem).collect()
     }
 
     /// Returns the invalid values of the ports, as key and reason.
@@ -298,6 +316,11 @@ impl CaseConfig {
     pub fn ratio(&self) -> Result<usize, String> {
         let Some(to) = self.decimate_to_hz else { return Ok(1) };
         decimate::plan(self.sample_rate_hz, to).map(|plan| plan.ratio).map_err(|error| error.to_string())
+    }
+
+    /// Returns the units of these channels as far as the case declares them.
+    pub(crate) fn units_of(&self, names: &[String]) -> Vec<Option<String>> {
+        names.iter().map(|name| self.units.get(name).cloned()).collect()
     }
 
     /// Sets the kinds of a model's outputs as the case declares them.

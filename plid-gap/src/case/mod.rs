@@ -121,6 +121,17 @@ mod tests {
     const INPUTS: &str = "\"u1\", \"u2\"";
 
     #[test]
+    fn units_belong_to_channels() {
+        let read = |unit: &str| read_with(&format!("[units]\n{unit}\n"), INPUTS, RATE, "1,2,3,4");
+        let case = read("u2 = \"N\"").unwrap();
+        assert_eq!(case.config.units_of(&case.config.inputs), [None, Some("N".to_string())]);
+        let said = read("u3 = \"N\"").unwrap_err().to_string();
+        assert!(said.contains("units: `u3` is not one of the channels"), "{said}");
+        let said = read("y1 = \" \"").unwrap_err().to_string();
+        assert!(said.contains("the unit of `y1` is empty"), "{said}");
+    }
+
+    #[test]
     fn missing_outputs_are_kept_and_named() {
         let case = read(INPUTS, RATE, "1,2,nan,4").unwrap();
         assert!(case.records[0].y[0][0].is_nan() && case.records[0].y[0][1] == 2.0);

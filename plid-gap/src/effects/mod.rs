@@ -51,6 +51,8 @@ mod slip;
 mod stick_friction;
 mod stiffness_drift;
 mod stop;
+mod unit;
+mod units;
 
 pub use crate::plant::Load;
 pub use crate::signal::peaks::MissingModeStart;
@@ -99,6 +101,7 @@ pub use sensor_saturation::SensorSaturation;
 pub use setting::Setting;
 pub use stick_friction::StickFriction;
 pub use stiffness_drift::StiffnessDrift;
+pub use units::{ARBITRARY, Units};
 
 /// The part of the signal path in which an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]

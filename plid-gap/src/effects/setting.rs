@@ -1,5 +1,5 @@
-use super::Place;
 use super::place::Names;
+use super::{Place, Units};
 use plid_model::Model;
 
 use crate::case::ON_A_MODE;
@@ -20,6 +20,8 @@ pub struct Setting {
     pub plant: Plant,
     /// Names of channels, ports and modes.
     pub names: Names,
+    /// Units of channels and ports.
+    pub units: Units,
     /// RMS of each input at the highest level (m).
     pub u_rms: Vec<f64>,
     /// RMS of each input's slope at the highest level, 1/s (m).
@@ -58,6 +60,7 @@ impl Setting {
                 modes_hz: plant.modes.iter().map(|mode| mode.hz()).collect(),
                 parameters: Vec::new(),
             },
+            units: Units::default(),
             u_rms: vec![0.0; plant.m],
             u_slope: vec![0.0; plant.m],
             y_rms: vec![0.0; plant.p],

@@ -13,7 +13,6 @@ use crate::fit::problem::Placed;
 use crate::in_loop::coupling::Response;
 use crate::in_loop::judge::{Judged, confidence};
 use crate::in_loop::problem::{Fit, Problem};
-use crate::in_loop::units;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::settings::GapSettings;
 
@@ -121,13 +120,7 @@ impl WrittenPort {
 }
 
 /// Returns the effects of an explanation with intervals and confidence, the largest share first.
-pub(super) fn named(
-    problem: &Problem,
-    best: &Fit,
-    weighted: &[Weighted],
-    shares: &[Option<f64>],
-    description: &Description,
-) -> Vec<NamedEffect> {
+pub(super) fn named(problem: &Problem, best: &Fit, weighted: &[Weighted], shares: &[Option<f64>]) -> Vec<NamedEffect> {
     let setting = &problem.setting;
     let mut at = 0;
     let mut named = Vec::new();
@@ -140,14 +133,14 @@ pub(super) fn named(
         let first = at;
         let mut parameters = BTreeMap::new();
         for (parameter, value) in placed.effect.parameters(setting).into_iter().zip(&placed.parameters) {
-            let unit = units::stated(&parameter.unit, &placed.place, setting, description);
+            let unit = setting.unit_of(&parameter, &placed.place);
             parameters.insert(parameter.name, stated(*value, half(at), unit));
             at += 1;
         }
         let change = placed.effect.change(setting, &placed.place, &placed.parameters).map(|change| Change {
             number: change.number,
             from: change.from,
-            to: stated(change.to, half(first), change.unit),
+            to: stated(change.to, half(first), setting.unit(&change.unit, &placed.place)),
         });
         named.push(NamedEffect {
             effect: placed.effect.name().into(),

@@ -49,7 +49,13 @@ pub(super) fn by_model(
     }
     let mut model = realised.model;
     case.config.declare_kinds(&mut model);
-    let case = Case { model: Some(model), ..case.clone() };
+    let mut case = Case { model: Some(model), ..case.clone() };
+    let inputs = description.inputs.iter().map(|input| (&input.name, &input.unit));
+    for (name, unit) in inputs.chain(description.outputs.iter().map(|output| (&output.name, &output.unit))) {
+        if let Some(unit) = unit.as_ref().filter(|unit| !unit.trim().is_empty()) {
+            case.config.units.entry(name.clone()).or_insert_with(|| unit.clone());
+        }
+    }
     // What the linear diagnosis cannot take, such as an unstable simulation, stays in the loop.
     let Ok(mut outcome) = diagnose(&case, library, say) else { return Ok(None) };
     let calls = checked.calls();

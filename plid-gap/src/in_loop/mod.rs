@@ -25,7 +25,6 @@ mod runs;
 mod screen;
 mod search;
 mod survey;
-mod units;
 
 pub use answer::{LoopDiagnosis, LoopGap, SimulatorWithEffects, WrittenPort};
 pub use answered::Answered;

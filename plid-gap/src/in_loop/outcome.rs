@@ -55,7 +55,7 @@ impl<'a> Opened<'_, 'a> {
         let Self { case, problem, held_out, .. } = self;
         let (best, names) = (&found.fits[0], &problem.setting.names);
         let fitted = judged.verdict == Verdict::Effects;
-        let named = || answer::named(problem, best, &judged.weighted, &measured.shares, runs.description());
+        let named = || answer::named(problem, best, &judged.weighted, &measured.shares);
         let effects = if fitted { named() } else { Vec::new() };
         let sentence = answer::sentence(problem, judged, best, &effects, &measured.gap, !held_out.is_empty());
         let gap_after = |w: &Weighted| {

@@ -9,7 +9,7 @@ use plid_simulator::{Checked, Description, Motion, SimulatorError};
 
 use crate::case::CaseConfig;
 use crate::case::record::{Record, rms};
-use crate::effects::Setting;
+use crate::effects::{Setting, Units};
 use crate::error::GapError;
 use crate::in_loop::coupling::Response;
 use crate::in_loop::runs::Runs;
@@ -58,6 +58,7 @@ pub(super) fn survey(
     let mut model = stand_in(&description, &mobilities, step);
     config.declare_kinds(&mut model);
     let mut setting = of_model(&description, &model)?;
+    setting.units = units(&description, config);
     of_records(&mut setting, records, loudest);
     let (mut responses, mut start) = (Vec::new(), Vec::new());
     if count > 0 {
@@ -88,6 +89,20 @@ pub(super) fn survey(
         }
     }
     Ok(Survey { setting, responses, start })
+}
+
+/// What is said of a channel for which neither the case nor the simulator states a unit.
+const AS_RECORDED: &str = "as recorded";
+
+/// Returns the units that the case declares, or else the simulator.
+pub(super) fn units(description: &Description, config: &CaseConfig) -> Units {
+    let of_case = |name: &String, own: &Option<String>| config.units.get(name).or(own.as_ref()).cloned();
+    Units {
+        inputs: description.inputs.iter().map(|input| of_case(&input.name, &input.unit)).collect(),
+        outputs: description.outputs.iter().map(|output| of_case(&output.name, &output.unit)).collect(),
+        ports: description.ports.iter().map(|p| [p.force_unit.clone(), p.displacement_unit.clone()]).collect(),
+        unknown: Some(AS_RECORDED),
+    }
 }
 
 /// Returns the channels, places and parameters of a simulator without any sizes: what a prediction needs.
@@ -259,4 +274,43 @@ fn force(
     let change: Vec<f64> = pushed.iter().zip(motions).map(|(a, b)| a[port].velocity - b[port].velocity).collect();
     let answer = rms(&change) / size;
     Ok(if answer > 0.0 { velocity / answer } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Place;
+    use plid_simulator::{Input, Output, Port};
+
+    /// Units are those of the simulator, and those of the case where it has some.
+    #[test]
+    fn units_are_those_of_the_simulator() {
+        let input = Input { unit: Some("N m".into()), ..Input::new("u") };
+        let mut description = Description::new("s", 100.0, vec![input], vec![Output::new("y")]);
+        description.steps_per_sample = 1;
+        description.ports = vec![
+            Port {
+                input: Some("u".into()),
+                force_unit: Some("N m".into()),
+                displacement_unit: Some("rad".into()),
+                ..Port::new("joint")
+            },
+            Port::new("other"),
+        ];
+        let mut config = CaseConfig::new(100.0, vec!["u".into()], vec!["y".into()]);
+        let response = Response { mobility: 1.0, weight: 0.5, step: 0.01 };
+        let mut setting = bare(&description, &[response; 2]).unwrap();
+        setting.units = units(&description, &config);
+        let of = |unit: &str, place: Place| setting.unit(unit, &place);
+        assert_eq!(of("force/displacement^3", Place::Input(0)), "N m/rad^3");
+        assert_eq!(of("force/velocity", Place::Input(0)), "N m s/rad");
+        assert_eq!(of("velocity", Place::Input(0)), "rad/s");
+        assert_eq!(of("force/velocity", Place::Port(1)), "force/velocity");
+        assert_eq!(of("V", Place::Input(0)), "N m");
+        assert_eq!(of("V/s", Place::Output(0)), "as recorded/s");
+        assert_eq!(of("Hz", Place::Input(0)), "Hz");
+        config.units.insert("y".into(), "rad".into());
+        setting.units = units(&description, &config);
+        assert_eq!(setting.unit("V/s", &Place::Output(0)), "rad/s");
+    }
 }

@@ -1,7 +1,7 @@
 use nalgebra::DVector;
 
 use super::motion::Row;
-use super::{Plant, Port, PortSource};
+use super::{Plant, Port, PortScale, PortSource};
 use plid_fourier::C;
 
 /// A port as a case declares it: where a force may act, by an input and an output (both from 0).
@@ -69,6 +69,7 @@ impl Plant {
         Ok(Port {
             name: name.clone(),
             input: None,
+            scale: PortScale::Shown { input: *input, output: *output },
             force,
             displacement: displacement.modes,
             velocity: motion.velocity.modes,
@@ -83,7 +84,7 @@ impl Plant {
     ///
     /// Behind an actuator with the pole p, a force f is an input u = f + f' / p. In the states less B f / p, it enters
     /// by B + A B / p.
-    fn entry(&self, input: usize) -> (Vec<C>, DVector<f64>, Vec<f64>) {
+    pub(super) fn entry(&self, input: usize) -> (Vec<C>, DVector<f64>, Vec<f64>) {
         let Some((a, b)) = &self.rest.continuous else { return Default::default() };
         let column: DVector<f64> = b.column(input).into_owned();
         // A force moves nothing at once: the feedthrough of a position or a velocity is an error of its model.

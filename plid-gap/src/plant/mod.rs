@@ -29,7 +29,7 @@ pub use declared::CasePort;
 pub use kind::{KindSource, Sensed};
 pub use load::Load;
 pub(crate) use logarithm::logarithm;
-pub use ports::PortSource;
+pub use ports::{PortScale, PortSource};
 pub use spectrum::{RestNumber, Spectrum};
 
 /// One mode of the structure: dz/dt = pole z + b u, y += 2 Re(c z), with a complex z.
@@ -105,6 +105,8 @@ pub struct Port {
     pub name: String,
     /// The input (from 0) to which the port belongs.
     pub input: Option<usize>,
+    /// The quantities in which its force and its motion are given.
+    pub scale: PortScale,
     /// Force on each mode.
     pub force: Vec<C>,
     /// Displacement row of each mode.
@@ -261,6 +263,7 @@ impl Plant {
         Port {
             name: port.name.clone(),
             input: port.input.as_ref().and_then(|name| model.inputs.iter().position(|input| input == name)),
+            scale: PortScale::Own,
             force: left.iter().map(|l| l.dot(&force.map(C::from))).collect(),
             displacement: modal_row(&port.displacement),
             velocity: modal_row(&port.velocity),

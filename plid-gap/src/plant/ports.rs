@@ -17,6 +17,35 @@ pub enum PortSource {
     Axis,
 }
 
+/// The quantities in which the force and the motion at a port are given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PortScale {
+    /// Those of the simulation, which declares the port.
+    Own,
+    /// The force in that of an input, the motion in that of an output.
+    Shown {
+        /// The input.
+        input: usize,
+        /// The output.
+        output: usize,
+    },
+    /// The motion in that of an output, and the force such that it does the same work as an input on the axis that
+    /// another output shows.
+    Reciprocal {
+        /// The input of the axis.
+        input: usize,
+        /// The output that shows the motion of the axis.
+        axis: usize,
+        /// The output that shows the motion at the port.
+        output: usize,
+    },
+    /// The force in that of an input, if it is that of one; the motion in none, because the modes leave its scale open.
+    Inferred(Option<usize>),
+}
+
+/// Largest relative difference of two rows that are one row but for rounding.
+const SAME_ROW: f64 = 1e-6;
+
 /// Infers the port of each input from the modes.
 ///
 /// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k); the mode's port
@@ -24,8 +53,10 @@ pub enum PortSource {
 /// up to one number g0 for each mode.
 pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
     let modal = modal_ports(plant);
-    let port =
-        |(i, name): (usize, &String)| Port { name: name.clone(), input: Some(i), ..port(plant, &modal, i, &|_| true) };
+    let port = |(i, name): (usize, &String)| {
+        let scale = PortScale::Inferred(Some(i));
+        Port { name: name.clone(), input: Some(i), scale, ..port(plant, &modal, i, &|_| true) }
+    };
     inputs.iter().enumerate().map(port).collect()
 }
 
@@ -53,6 +84,7 @@ fn port(plant: &Plant, modal: &ModalPorts, i: usize, kept: &dyn Fn(usize) -> boo
     Port {
         name: String::new(),
         input: None,
+        scale: PortScale::Inferred(None),
         force: modal.iter().enumerate().map(|(k, (force, _))| keep(k, force[i])).collect(),
         force_rest: through_filters(plant, i, kept),
         displacement_rest: without_actuators(plant, &displacement),
@@ -86,6 +118,28 @@ fn without_actuators(plant: &Plant, row: &[C]) -> DVector<f64> {
 }
 
 impl Plant {
+    /// Returns whether a force at a port acts as an input does after its actuator.
+    pub fn is_pushed_by(&self, port: usize, input: usize) -> bool {
+        let (force, rest, _) = self.entry(input);
+        let port = &self.ports[port];
+        if self.modes.is_empty() {
+            same(port.force_rest.as_slice(), rest.as_slice())
+        } else {
+            alike(&port.force, &force)
+        }
+    }
+
+    /// Returns whether an output shows the displacement at a port, before its filters.
+    pub fn is_shown_by(&self, port: usize, output: usize) -> bool {
+        let port = &self.ports[port];
+        let Some(row) = self.motion(output).and_then(|motion| motion.displacement) else { return false };
+        if self.modes.is_empty() {
+            same(port.displacement_rest.as_slice(), row.rest.as_slice())
+        } else {
+            alike(&port.displacement, &row.modes)
+        }
+    }
+
     /// Changes the ports with a mode's input shapes. A port lies where its actuator pushes. If the input shape of a
     /// mode was changed from that of `before`, the force of the port on the mode and its displacement row change in the
     /// same ratio. Otherwise the size of an effect there would belong to the former shape.
@@ -142,6 +196,17 @@ impl Plant {
         }
         seen
     }
+}
+
+fn alike(a: &[C], b: &[C]) -> bool {
+    let parts = |x: &[C]| -> Vec<f64> { x.iter().flat_map(|x| [x.re, x.im]).collect() };
+    same(&parts(a), &parts(b))
+}
+
+fn same(a: &[f64], b: &[f64]) -> bool {
+    let square = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>();
+    let far = square(&mut a.iter().zip(b).map(|(a, b)| a - b));
+    a.len() == b.len() && far.sqrt() <= SAME_ROW * square(&mut a.iter().copied()).sqrt()
 }
 
 /// Returns the force columns and displacement rows of all ports on one mode.

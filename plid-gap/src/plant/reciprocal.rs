@@ -1,7 +1,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::motion::{Motion, ROUNDING, Row};
-use super::{CasePort, Mode, Plant, Port, lowest};
+use super::{CasePort, Mode, Plant, Port, PortScale, lowest};
 use plid_fourier::C;
 
 /// The axis of each input, and the motion that each further output shows, as ports of a structure whose outputs are
@@ -71,6 +71,10 @@ fn beside(plant: &Plant, axis: &Port, to: usize, name: &str) -> Option<Port> {
     Some(Port {
         name: name.into(),
         input: None,
+        scale: match axis.scale {
+            PortScale::Shown { input, output } => PortScale::Reciprocal { input, axis: output, output: to },
+            _ => PortScale::Inferred(None),
+        },
         force: force.iter().all(|x| x.is_finite()).then_some(force)?,
         force_rest,
         displacement: displacement.modes,

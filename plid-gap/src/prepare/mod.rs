@@ -9,7 +9,7 @@ use std::sync::Arc;
 use crate::case::Limits;
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::case::split::split;
-use crate::effects::{MissingModeStart, Setting};
+use crate::effects::{MissingModeStart, Setting, Units};
 use crate::error::GapError;
 use crate::fit::free_run::{errors, outputs};
 use crate::fit::nuisance::Nuisance;
@@ -70,6 +70,8 @@ pub struct Known {
     pub model_error: Option<ModelError>,
     /// The frequency band in Hz that counts; all frequencies if `None`.
     pub band_hz: Option<[f64; 2]>,
+    /// Units of the channels.
+    pub units: Units,
     /// Ports that the case declares.
     pub ports: Vec<CasePort>,
     /// Steps that the diagnosis skips.
@@ -103,7 +105,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         quantisation::mend(&mut held_out, &held_out_errors, &quantisation);
         errors = given_errors(&plant, &fitted);
     }
-    let setting = setting(&plant, model, &fitted, &errors, &settings);
+    let setting = Setting { units: known.units.clone(), ..setting(&plant, model, &fitted, &errors, &settings) };
     let off = &known.off;
     let quiet = if off.contains(&Step::NoiseFit) {
         Vec::new()

@@ -72,7 +72,10 @@ impl Axis {
             add_noise(&mut y, k as u64 + 50, &std);
             y
         };
-        four_records(&self.simulation(), &std, [1.0, 0.5, 1.0], input, measure)
+        let mut case = four_records(&self.simulation(), &std, [1.0, 0.5, 1.0], input, measure);
+        let output = if self.position { "m" } else { "m/s" };
+        case.config.units = [("u1", "N"), ("y1", output)].map(|(name, unit)| (name.into(), unit.into())).into();
+        case
     }
 
     fn diagnosed(&self) -> Diagnosis {
@@ -111,6 +114,9 @@ fn is_friction(found: &Diagnosis) {
     );
     let size = first.parameters["F"].value;
     assert!((size / 0.1 - 1.0).abs() < 0.05, "{size}: {}", found.sentence);
+    // In the units of the channels, whichever of position and velocity is measured.
+    assert_eq!(["F", "v0"].map(|name| first.parameters[name].unit.as_str()), ["N", "m/s"]);
+    assert!(found.text().contains(" N ("), "{}", found.text());
 }
 
 #[test]
