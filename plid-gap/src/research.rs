@@ -22,4 +22,5 @@ pub use crate::simulate::{Fineness, changed_plant, simulate};
 /// Where the gap lies: by output, band, time and level.
 pub mod locate {
     pub use crate::judge::locate::{BANDS, Map, STRETCHES, errors, map};
+    pub use crate::judge::side::{places, side};
 }

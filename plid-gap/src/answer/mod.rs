@@ -24,10 +24,11 @@ use crate::judge::gap::{self, Blocks};
 use crate::judge::locate::Map;
 use crate::judge::separability::{Rival, open};
 use crate::judge::shares::Share;
+use crate::judge::side::{self, PlaceShare};
 use crate::judge::verdict::{Weighted, outside};
 use crate::search::stepwise::Search;
 use crate::search::stochastic::{Stochastic, cuts, wanders};
-use crate::settings::AnswerSettings;
+use crate::settings::{AnswerSettings, JudgeSettings};
 
 /// Returns the effects of the answer with intervals and confidence.
 pub(crate) fn named(
@@ -117,21 +118,25 @@ fn stated(value: f64, half: f64, unit: String) -> Value {
     Value { value, ci95: half.is_finite().then_some([value - half, value + half]), unit }
 }
 
+/// Returns where the gap lies. `places` have the shares of the residual that each place explains, and `shown` are the
+/// stochastic effects of the answer.
 pub(crate) fn place(
     before: &Map,
     outputs: &[String],
-    found: &Search,
+    places: &[PlaceShare],
     shown: &[&Stochastic],
-    settings: &AnswerSettings,
+    (judge, settings): (&JudgeSettings, &AnswerSettings),
 ) -> Where {
-    let named = found.best.effects.first().map(|placed| placed.effect.side());
-    let screened = found.stages.first().and_then(|entries| entries.first()).map(|e| e.placed.effect.side());
-    let side = named.or(shown.first().map(|u| u.placed.effect.side())).or(screened).unwrap_or(Side::Structure);
-    whereabouts(side, before, outputs, settings)
+    // What acts only in quiet records leaves nothing in a free run that a place could explain.
+    let quiet = shown.first().filter(|_| places.is_empty()).map(|u| u.placed.effect.side());
+    let clear = side::side(places, judge).or(quiet);
+    let likely = || places.first().map_or(Side::Structure, |place| place.side);
+    let place = whereabouts(Some(clear.unwrap_or_else(likely)), before, outputs, settings);
+    Where { places: side::listed(places), side_is_clear: clear.is_some(), ..place }
 }
 
-/// Returns where a gap lies by its map, with the part of the signal path that causes it.
-pub(crate) fn whereabouts(side: Side, before: &Map, outputs: &[String], settings: &AnswerSettings) -> Where {
+/// Returns where a gap lies by its map, in this part of the signal path.
+pub(crate) fn whereabouts(side: Option<Side>, before: &Map, outputs: &[String], settings: &AnswerSettings) -> Where {
     let mut order: Vec<usize> = (0..before.bands.len()).collect();
     order.sort_by(|&a, &b| before.bands[b].value.total_cmp(&before.bands[a].value));
     order.truncate(4);
@@ -139,6 +144,8 @@ pub(crate) fn whereabouts(side: Side, before: &Map, outputs: &[String], settings
     let by_name = || outputs.iter().cloned().zip(&before.outputs);
     Where {
         side,
+        side_is_clear: false,
+        places: Vec::new(),
         channels: by_name().map(|(name, share)| (name, share.value)).collect(),
         bands_hz: order.iter().map(|&b| [before.edges[b], before.edges[b + 1], before.bands[b].value]).collect(),
         time: before.stretches.iter().map(|share| share.value).collect(),
@@ -244,7 +251,7 @@ pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Bl
     let found = &explained.found;
     let floor = gap.noise_floor;
     let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
-    let place = place(after, &names.outputs, found, &[], &explained.ready.problem.settings.answer);
+    let place = whereabouts(None, after, &names.outputs, &explained.ready.problem.settings.answer);
     let best = &found.best.effects;
     let last = found.stages.last().map_or(&[][..], Vec::as_slice);
     let more = last.iter().filter(|entry| {

@@ -10,6 +10,7 @@ use crate::answer::range::FittedRange;
 use crate::effects::Side;
 use crate::judge::locate::LevelGap;
 pub use crate::judge::shrink::{Gap, ShrinkOver};
+pub use crate::judge::side::PlaceShare;
 pub use crate::judge::verdict::Verdict;
 use crate::settings::{GapSettings, PlantSettings};
 
@@ -112,8 +113,15 @@ pub struct Explanation {
 /// Where the gap lies.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Where {
-    /// The part of the signal path.
-    pub side: Side,
+    /// The part of the signal path; `None` for what remains beside the effects.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub side: Option<Side>,
+    /// Whether the residual shows this side clearly: places of the other sides explain much less of it.
+    #[serde(default)]
+    pub side_is_clear: bool,
+    /// The places that explain most of the residual, each by itself and whatever it does, the first ones.
+    #[serde(default)]
+    pub places: Vec<PlaceShare>,
     /// Share of each output in the squared gap.
     pub channels: BTreeMap<String, f64>,
     /// The bands with most of the squared gap: from, to (Hz), share.

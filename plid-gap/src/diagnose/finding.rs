@@ -20,6 +20,7 @@ use crate::judge::next_experiment::next_experiment;
 use crate::judge::separability::{Predicted, Rival, rivals};
 use crate::judge::settle_all::with_all;
 use crate::judge::shares::of_band;
+use crate::judge::side::places;
 use crate::judge::verdict::Verdict;
 use crate::search::rules::Rules;
 use crate::search::stochastic::{Stochastic, wandering};
@@ -95,7 +96,13 @@ impl<'f, 'a> Finding<'f, 'a> {
             candidates,
             not_separable: classes(self.explained, &rivals),
             separability: comparisons(found, best, &rivals, names),
-            place: place(before, &names.outputs, found, shown, &ready.problem.settings.answer),
+            place: place(
+                before,
+                &names.outputs,
+                &places(ready, &self.audit.known, self.explained.level.factor.min(1.0)),
+                shown,
+                (&ready.problem.settings.judge, &ready.problem.settings.answer),
+            ),
             remainder: remainder(self.explained, gaps, after, simulated, self.audit.case.config.material),
             evidence: words(self.explained, before, *held_out, &self.evidence, class),
             gap: gaps.clone(),

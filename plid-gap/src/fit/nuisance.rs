@@ -16,6 +16,17 @@ const INITIAL_STATE_STD: f64 = 3.0;
 /// Median of the absolute value of a standard normal variable.
 const NORMAL_MEDIAN: f64 = 0.6745;
 
+/// What a linear parameter of the simulation changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// A frequency, a damping ratio or another number of a pole, the size of its contribution included.
+    Pole,
+    /// The response to one input.
+    Input(usize),
+    /// The response of one output.
+    Output(usize),
+}
+
 /// The linear parameters and their prior: frequency, damping, input shape (m) and output shape (p) of each mode,
 /// followed by poles and gains of a simulation without modes, and by the initial states.
 #[derive(Debug, Clone)]
@@ -154,6 +165,29 @@ impl Nuisance {
     /// numbers of the rest and for initial states.
     pub fn entry(&self, index: usize) -> Option<(usize, usize)> {
         (index < self.of_modes()).then(|| (index / self.each(), index % self.each()))
+    }
+
+    /// Returns what an entry changes; `None` for initial states.
+    pub fn part(&self, index: usize) -> Option<Part> {
+        if let Some((_, part)) = self.entry(index) {
+            return Some(match part {
+                0 | 1 => Part::Pole,
+                part if part < 2 + self.m => Part::Input(part - 2),
+                part => Part::Output(part - 2 - self.m),
+            });
+        }
+        self.numbers().get(index - self.of_modes()).map(|number| match *number {
+            RestNumber::Rate(_) | RestNumber::Frequency(_) | RestNumber::Damping(_) | RestNumber::Contribution => {
+                Part::Pole
+            }
+            RestNumber::Input(i) => Part::Input(i),
+            RestNumber::Output(o) => Part::Output(o),
+        })
+    }
+
+    /// Returns the first entry of a mode.
+    pub fn first_of(&self, mode: usize) -> usize {
+        mode * self.each()
     }
 
     /// Returns the simulation changed by `eta`.

@@ -96,7 +96,8 @@ impl<'a> Opened<'_, 'a> {
         let errors: Vec<Channels> = measured.records.iter().zip(y).map(|(record, y)| record.error(y)).collect();
         let white = NoiseModel::declared(plant, &noise.std, &vec![0.0; plant.m]);
         let map = locate::map(&measured.records, &errors, &white, plant.rate, case.config.settings.case.same_level);
-        let side = told.found.fits[0].effects.first().map_or(Side::Structure, |placed| placed.effect.side());
+        let named = told.found.fits[0].effects.first();
+        let side = Some(named.map_or(Side::Structure, |placed| placed.effect.side()));
         whereabouts(side, &map, &problem.setting.names.outputs, &case.config.settings.answer)
     }
 

@@ -2,9 +2,11 @@
 //! shrinks, and which experiment would tell more.
 
 pub(crate) mod crossed;
+mod experiments;
 pub(crate) mod explained;
 pub(crate) mod gap;
 pub(crate) mod held_out;
+mod imagined;
 pub(crate) mod judgement;
 pub(crate) mod locate;
 pub(crate) mod next_experiment;
@@ -12,4 +14,5 @@ pub(crate) mod separability;
 pub(crate) mod settle_all;
 pub(crate) mod shares;
 pub(crate) mod shrink;
+pub(crate) mod side;
 pub(crate) mod verdict;

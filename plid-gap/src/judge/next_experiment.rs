@@ -4,21 +4,24 @@
 //! fitted to the prediction of the records by the best explanation (`separability.rs`). It is now fitted to the
 //! prediction of the experiment, with the information of those records on its parameters as prior. The whitened part
 //! that it cannot follow is twice the expected log likelihood ratio (Box and Hill 1967, with the noise known).
+//!
+//! An experiment in which the free run of the best explanation or of a rival diverges is never proposed: nobody knows
+//! what it would measure, and it might damage the plant.
 
 use nalgebra::DMatrix;
+use plid_report::Cell;
+use rayon::prelude::*;
 
-use crate::case::Limits;
-use crate::case::levels::loudest;
-use crate::case::record::{Channels, Excitation, Record};
-use crate::fit::candidate::all_same;
-use crate::fit::candidate::in_words;
-use crate::fit::nuisance::Nuisance;
-use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
+use crate::case::record::{Excitation, Record};
+use crate::fit::candidate::{all_same, in_words};
+use crate::fit::problem::{Fit, Placed, Problem};
+use crate::judge::experiments::{Experiment, experiments};
 use crate::judge::explained::Explained;
-use crate::judge::separability::{Predicted, Rival, open, predicted};
+use crate::judge::imagined::{Separation, imagined, known};
+use crate::judge::separability::{Predicted, Rival, open};
 use crate::judge::verdict::Weighted;
-use crate::noise::whiten::Whitener;
-use crate::simulate::Fineness;
+use crate::noise::NoiseModel;
+use crate::settings::JudgeSettings;
 use crate::words::likelihood;
 
 /// Returns the next experiment in words with its predicted gain; `None` if nothing is open.
@@ -47,36 +50,136 @@ pub fn next_experiment<'a>(
         let unknown = weighted.iter().find(|w| w.unknown).map_or(0.0, |w| w.probability);
         return (unknown > settings.open_unknown).then(|| by_rule(explained));
     }
-    let known: Vec<Option<DMatrix<f64>>> = fitted.iter().map(|fit| known(&records.problem, fit)).collect();
-    let mut proposed: Option<(f64, String)> = None;
-    for experiment in experiments(&records.problem) {
-        let problem = imagined(explained, &records.truth, &experiment);
-        let least = fitted
-            .iter()
-            .zip(&known)
-            .map(|(fit, known)| known.as_ref().map_or(0.0, |known| gain(&problem, fit, known)))
-            .fold(f64::INFINITY, f64::min);
-        if proposed.as_ref().is_none_or(|(most, _)| least > *most) {
-            proposed = Some((least, experiment.words));
-        }
-    }
-    let (gain, words) = proposed?;
+    let asked = Asked::new(&records.problem, &explained.ready.noise, &records.truth, &fitted);
     let name = |effects: &[Placed]| in_words(effects, &records.problem.setting.names);
     let others: Vec<String> = fitted.iter().map(|fit| name(&fit.effects)).collect();
-    let from = format!("{} from {}", name(best), others.join(" and from "));
-    Some(if gain > settings.separable {
+    Some(asked.proposal(&format!("{} from {}", name(best), others.join(" and from "))))
+}
+
+/// The explanations that an experiment should separate.
+struct Asked<'q, 'a> {
+    problem: &'q Problem,
+    noise: &'q NoiseModel,
+    best: &'q Fit<'a>,
+    rivals: &'q [Fit<'a>],
+    /// What the records tell about each rival's parameters.
+    known: Vec<Option<DMatrix<f64>>>,
+}
+
+/// An experiment with the expected log likelihood ratio against the rival that it separates least.
+struct Judged {
+    gain: f64,
+    experiment: Experiment,
+}
+
+impl<'q, 'a> Asked<'q, 'a> {
+    fn new(problem: &'q Problem, noise: &'q NoiseModel, best: &'q Fit<'a>, rivals: &'q [Fit<'a>]) -> Self {
+        let known = rivals.iter().map(|fit| known(problem, fit)).collect();
+        Self { problem, noise, best, rivals, known }
+    }
+
+    fn settings(&self) -> &JudgeSettings {
+        &self.problem.settings.judge
+    }
+
+    /// Returns the expected log likelihood ratio against the rival that an experiment separates least; `None` if a free
+    /// run diverges.
+    fn gain(&self, experiment: &Experiment) -> Option<f64> {
+        let imagined = imagined(self.problem, self.noise, self.best, experiment)?;
+        let mut least = f64::INFINITY;
+        for (rival, known) in self.rivals.iter().zip(&self.known) {
+            // Records that do not determine a rival's parameters promise nothing.
+            let Some(known) = known else { return Some(0.0) };
+            match imagined.separation(&self.problem.nuisance, rival, known) {
+                Separation::By(gain) => least = least.min(gain),
+                Separation::Diverges => return None,
+            }
+        }
+        Some(least)
+    }
+
+    /// Judges experiments and returns those without a diverging run, the best first. Among those that separate about
+    /// equally well, the simplest, which comes first in the list, is first.
+    fn judged(&self, experiments: Vec<Experiment>) -> Vec<Judged> {
+        let one = |experiment: Experiment| Some(Judged { gain: self.gain(&experiment)?, experiment });
+        let mut judged: Vec<Judged> = experiments.into_par_iter().filter_map(one).collect();
+        let Some(most) = judged.iter().map(|judged| judged.gain).reduce(f64::max) else { return judged };
+        let simplest = judged.iter().position(|judged| judged.gain * self.settings().experiment_better >= most);
+        let first = judged.remove(simplest.unwrap_or(0));
+        judged.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        judged.insert(0, first);
+        judged
+    }
+
+    /// Returns the best experiment: with the present sensors, if need be longer, and if need be with one more sensor at
+    /// a declared port. `None` if a run diverges in each that has an input.
+    fn best(&self) -> Option<Judged> {
+        let JudgeSettings { experiment_samples: samples, experiment_longer, experiment_best, separable, .. } =
+            *self.settings();
+        let mut all = self.judged(experiments(self.problem, samples));
+        if all.first()?.gain > separable {
+            return Some(all.swap_remove(0));
+        }
+        if all.iter().all(|judged| judged.experiment.excitation == Excitation::Zero) {
+            return None;
+        }
+        let leading: Vec<String> = all.iter().take(experiment_best).map(|j| j.experiment.words.clone()).collect();
+        let longer: Vec<Experiment> = experiments(self.problem, experiment_longer * samples)
+            .into_iter()
+            .filter(|experiment| leading.contains(&experiment.words))
+            .collect();
+        let sensed: Vec<Experiment> = longer.iter().flat_map(|experiment| self.with_sensors(experiment)).collect();
+        for more in [longer, sensed] {
+            let judged = self.judged(more).into_iter().next();
+            if let Some(judged) = judged.filter(|judged| judged.gain > all[0].gain) {
+                all.insert(0, judged);
+            }
+            if all[0].gain > separable {
+                break;
+            }
+        }
+        Some(all.swap_remove(0))
+    }
+
+    /// Returns an experiment with one more sensor at each declared port whose motion no output shows. There is none for
+    /// an explanation with a mode whose shape at a new sensor is not known, nor where the error of the simulation at
+    /// the new sensor is not known.
+    fn with_sensors(&self, experiment: &Experiment) -> Vec<Experiment> {
+        let plant = &self.problem.plant;
+        let all = || self.rivals.iter().chain([self.best]).flat_map(|fit| &fit.effects);
+        if plant.modes.is_empty() || self.noise.model_error.is_some() || all().any(|p| p.effect.adds_mode()) {
+            return Vec::new();
+        }
+        let lacking = (0..plant.ports.len()).filter(|&port| plant.lacks_sensor(port));
+        lacking.map(|port| experiment.with_sensor(port, &plant.ports[port].name)).collect()
+    }
+
+    /// States the best experiment. `from` says what it separates from what.
+    fn proposal(&self, from: &str) -> String {
+        let Some(Judged { gain, experiment }) = self.best() else {
+            return format!(
+                "No tested experiment is safe to propose to distinguish {from}: in each, one of these explanations \
+                has a free run without bounds."
+            );
+        };
+        let samples = experiment.u.first().map_or(0, Vec::len);
+        let seconds = Cell::significant(samples as f64 / self.problem.plant.rate, 3);
+        let words = &experiment.words;
+        let separable = self.settings().separable;
+        if gain > separable {
+            return format!(
+                "{words}: {samples} samples ({seconds} s) are expected to distinguish {from} by {}.",
+                likelihood(gain)
+            );
+        }
+        let longest = self.settings().experiment_longer * self.settings().experiment_samples;
         format!(
-            "{words}: {} samples are expected to distinguish {from} by {}.",
-            settings.experiment_samples,
-            likelihood(gain)
+            "No tested experiment of up to {longest} samples distinguishes {from}, whether without input, with the \
+            input of the loudest record at other levels, with each input alone, with a multisine or with a chirp. The \
+            best gives {gain:.1} in log likelihood, where {separable:.0} is needed ({words}): a sensor or an input at \
+            another location is necessary."
         )
-    } else {
-        format!(
-            "No tested input level distinguishes {from} ({words}: {gain:.1} in log likelihood, where {:.0} is needed): \
-            a sensor or an input at another location is necessary.",
-            settings.separable
-        )
-    })
+    }
 }
 
 /// Proposes an experiment by rule: if something outside the vocabulary acts, no model predicts its behaviour elsewhere.
@@ -107,84 +210,119 @@ fn by_rule(explained: &Explained) -> String {
     format!("Nothing in the vocabulary explains the remainder; to identify it, record {}.", wanted.join(", then "))
 }
 
-/// A possible input.
-struct Experiment {
-    u: Channels,
-    words: String,
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{Clearance, CubicStiffness, Effect, Place, SensorDrift, SensorOffset};
+    use crate::prepare::{Known, Prepared, prepare};
+    use crate::testing;
 
-/// Returns the loudest input at other levels, and each input alone.
-fn experiments(problem: &Problem) -> Vec<Experiment> {
-    let samples = problem.settings.judge.experiment_samples;
-    let loudest = loudest(&problem.records, problem.settings.case.same_level);
-    let scaled = |by: &dyn Fn(usize) -> f64| -> Channels {
-        let scale = |(i, u): (usize, &Vec<f64>)| u.iter().take(samples).map(|x| by(i) * x).collect();
-        loudest.u.iter().enumerate().map(scale).collect()
-    };
-    let mut experiments = Vec::new();
-    for (level, words) in [
-        (1.0, "Record the input of the loudest record once more, from rest"),
-        (1.0 / 3.0, "Record the input of the loudest record at a third of its level"),
-        (2.0, "Record the input of the loudest record at twice its level"),
-        (4.0, "Record the input of the loudest record at four times its level"),
-    ] {
-        experiments.push(Experiment { u: scaled(&|_| level), words: words.into() });
+    fn ready() -> Prepared {
+        let model = testing::truss(8);
+        let case = testing::case(&model, &model);
+        prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap()
     }
-    let names = &problem.setting.names.inputs;
-    if names.len() > 1 {
-        for (alone, name) in names.iter().enumerate() {
-            let words = format!("Record with {name} alone at twice its highest level");
-            experiments.push(Experiment { u: scaled(&|i| if i == alone { 2.0 } else { 0.0 }), words });
+
+    fn fit<'a>(problem: &Problem, effect: &'a dyn Effect, place: Place, parameters: &[f64]) -> Fit<'a> {
+        let effects = vec![Placed { effect, place, parameters: parameters.to_vec() }];
+        let eta = vec![0.0; problem.nuisance.len()];
+        let residual = problem.residual(&problem.plant, &eta, &effects, crate::simulate::Fineness::COARSE);
+        let covariance = DMatrix::zeros(parameters.len(), parameters.len());
+        Fit { eta, effects, cost: 0.0, residual, covariance, converged: true }
+    }
+
+    /// A cubic stiffness at the first port that is this share of the static stiffness at the RMS of the motion.
+    fn cubic(problem: &Problem, share: f64) -> Fit<'static> {
+        let setting = &problem.setting;
+        fit(problem, &CubicStiffness, Place::Input(0), &[share * setting.stiffness[0] / setting.d_rms[0].powi(2)])
+    }
+
+    fn of_words(problem: &Problem, words: &str) -> Experiment {
+        let mut all = experiments(problem, problem.settings.judge.experiment_samples).into_iter();
+        all.find(|experiment| experiment.words.contains(words)).unwrap_or_else(|| panic!("no {words}"))
+    }
+
+    /// A spring that softens pulls the structure apart at four times the level. Such an experiment is never proposed,
+    /// whether the softening spring is the rival or the best explanation.
+    #[test]
+    fn an_experiment_in_which_an_explanation_diverges_is_not_proposed() {
+        let ready = ready();
+        let problem = &ready.problem;
+        let (stiff, soft) = (cubic(problem, 1e-4), [cubic(problem, -0.01)]);
+        let asked = Asked::new(problem, &ready.noise, &stiff, &soft);
+        let [once, four] = ["once more", "four times"].map(|words| of_words(problem, words));
+        assert!(asked.gain(&once).is_some_and(|gain| gain > 5.0), "{:?}", asked.gain(&once));
+        assert_eq!(asked.gain(&four), None);
+        let imagined = imagined(problem, &ready.noise, &stiff, &four).unwrap();
+        let known = asked.known[0].as_ref().unwrap();
+        assert_eq!(imagined.separation(&problem.nuisance, &soft[0], known), Separation::Diverges);
+        let judged = asked.judged(experiments(problem, problem.settings.judge.experiment_samples));
+        assert!(!judged.is_empty() && judged.iter().all(|judged| !judged.experiment.words.contains("four times")));
+        let [stiff] = [[stiff]];
+        assert_eq!(Asked::new(problem, &ready.noise, &soft[0], &stiff).gain(&four), None);
+        let apart = [cubic(problem, -1.0)];
+        let said = Asked::new(problem, &ready.noise, &apart[0], &stiff).proposal("a from b");
+        assert!(said.starts_with("No tested experiment is safe"), "{said}");
+    }
+
+    /// An offset and a drift differ without any input. So small a drift takes the longer record.
+    #[test]
+    fn a_quiet_record_is_proposed_and_is_as_long_as_it_has_to_be() {
+        let ready = ready();
+        let problem = &ready.problem;
+        let proposed = |drift: f64| {
+            let best = fit(problem, &SensorDrift, Place::Output(0), &[drift]);
+            let middle = 0.5 * problem.setting.duration_s * drift;
+            let rival = [fit(problem, &SensorOffset, Place::Output(0), &[middle])];
+            let asked = Asked::new(problem, &ready.noise, &best, &rival);
+            (asked.gain(&of_words(problem, "without input")).unwrap(), asked.proposal("a drift from an offset"))
+        };
+        let (gain, _) = proposed(1e-5);
+        // The expected figure grows with the square of the drift.
+        let (short, long) = (1e-5 * (20.0 / gain).sqrt(), 1e-5 * (3.0 / gain).sqrt());
+        let said = proposed(short).1;
+        assert!(
+            said.starts_with("Record without input: 2000 samples (1.25 s) are expected to distinguish a"),
+            "{said}"
+        );
+        let said = proposed(long).1;
+        assert!(said.starts_with("Record without input: 8000 samples (5.00 s) are expected"), "{said}");
+    }
+
+    /// If all records were slow, no other level of theirs moves the resonances as a multisine or a chirp does.
+    #[test]
+    fn a_signal_that_reaches_the_modes_is_proposed_where_the_records_do_not() {
+        let mut ready = ready();
+        for record in &mut ready.problem.records {
+            for u in &mut record.u {
+                let held: Vec<f64> = (0..u.len()).map(|k| u[k / 200]).collect();
+                u.copy_from_slice(&held);
+            }
         }
+        let problem = &ready.problem;
+        let best = cubic(problem, 1e-3);
+        let start = &Clearance.starts(&problem.setting, &Place::Input(0))[0];
+        let rival = [fit(problem, &Clearance, Place::Input(0), start)];
+        let said = Asked::new(problem, &ready.noise, &best, &rival).proposal("a from b");
+        assert!(said.contains("multisine") || said.contains("chirp"), "{said}");
+        assert!(said.contains("from 29.0 to 304 Hz on all inputs"), "{said}");
     }
-    experiments
-}
 
-/// Returns what would be measured if the best explanation were true.
-fn imagined(explained: &Explained, best: &Fit, experiment: &Experiment) -> Problem {
-    let problem = &explained.ready.problem;
-    let ends = problem.records.iter().map(|r| r.start_s + r.samples() as f64 / problem.plant.rate);
-    let record = Record {
-        name: String::new(),
-        excitation: Excitation::Random,
-        from_rest: true,
-        start_s: ends.fold(0.0, f64::max),
-        held_out: false,
-        u: experiment.u.clone(),
-        y: vec![vec![0.0; experiment.u[0].len()]; problem.plant.p],
-        simulated: None,
-    };
-    let masked = vec![Vec::new(); problem.plant.p];
-    let whitener = Whitener::new(&record, &explained.ready.noise, problem.plant.rate, masked);
-    let records = vec![record];
-    let nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
-    let (plant, setting) = (problem.plant.clone(), problem.setting.clone());
-    let settings = problem.settings.clone();
-    let made = Problem { plant, records, whiteners: vec![whitener], nuisance, setting, settings, strong: false };
-    predicted(&made, &best.eta[..made.nuisance.len()], &best.effects)
-}
-
-/// Returns the information of the records on a rival's parameters, without the initial states.
-fn known(problem: &Problem, fit: &Fit) -> Option<DMatrix<f64>> {
-    let (normal, _) = problem.information(fit, &fit.residual);
-    let kept: Vec<usize> =
-        (0..problem.nuisance.of_simulation()).chain(problem.nuisance.len()..normal.nrows()).collect();
-    let covariance = normal.cholesky()?.inverse();
-    let part = DMatrix::from_fn(kept.len(), kept.len(), |i, j| covariance[(kept[i], kept[j])]);
-    part.cholesky().map(|factor| factor.inverse())
-}
-
-/// Returns the expected log likelihood ratio against a rival.
-fn gain(problem: &Problem, rival: &Fit, known: &DMatrix<f64>) -> f64 {
-    let eta = rival.eta[..problem.nuisance.len()].to_vec();
-    let rival = Fit { eta, ..rival.clone() };
-    let plant = problem.nuisance.apply(&problem.plant, &rival.eta);
-    let residual = problem.residual(&plant, &rival.eta, &rival.effects, Fineness::COARSE);
-    let (mut normal, gradient) = problem.information(&rival, &residual);
-    for (j, std) in problem.nuisance.std.iter().enumerate() {
-        normal[(j, j)] -= 1.0 / (std * std);
+    /// A sensor at a port that no output shows separates two explanations better.
+    #[test]
+    fn a_sensor_at_a_declared_port_tells_more() {
+        let ready = ready();
+        let problem = &ready.problem;
+        let start = Clearance.starts(&problem.setting, &Place::Input(0)).remove(0);
+        let (best, rival) = (cubic(problem, 1e-4), [fit(problem, &Clearance, Place::Input(0), &start)]);
+        let mut asked = Asked::new(problem, &ready.noise, &best, &rival);
+        // The records say nothing about the rival, so it can follow as far as its shape allows.
+        asked.known = vec![asked.known[0].clone().map(|known| known * 1e-6)];
+        let loud = of_words(problem, "four times");
+        let more = asked.with_sensors(&loud);
+        let words: Vec<&str> = more.iter().map(|experiment| experiment.words.as_str()).collect();
+        assert!(words.len() == 2 && words[0].ends_with("with one more sensor at port:strut1"), "{words:?}");
+        let (plain, with) = (asked.gain(&loud).unwrap(), asked.gain(&more[0]).unwrap());
+        assert!(with > 1.2 * plain, "{with} {plain}");
     }
-    let energy = sum_of_squares(&residual);
-    let absorbed = (normal + known).cholesky().map_or(energy, |factor| gradient.dot(&factor.solve(&gradient)));
-    0.5 * (energy - absorbed).max(0.0)
 }

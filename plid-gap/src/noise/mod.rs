@@ -162,6 +162,13 @@ impl NoiseModel {
         }
     }
 
+    /// Returns the noise of a plant that has one output more, with white noise of this variance at the new output.
+    pub(crate) fn with_output(&self, plant: &Plant, variance: f64) -> Self {
+        let mut more = Self { plant: plant.clone(), ..self.clone() };
+        more.sources.push((Source::Sensor(plant.p - 1), variance));
+        more
+    }
+
     /// Returns the simulation of which it was made.
     pub fn plant(&self) -> &Plant {
         &self.plant

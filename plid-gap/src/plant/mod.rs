@@ -13,6 +13,7 @@ mod logarithm;
 mod motion;
 mod ports;
 mod reciprocal;
+mod sensor;
 mod spectrum;
 
 use nalgebra::{DMatrix, DVector};

@@ -125,7 +125,9 @@ fn diagnosis() -> Diagnosis {
 
 fn place() -> Where {
     Where {
-        side: Side::Structure,
+        side: Some(Side::Structure),
+        side_is_clear: true,
+        places: Vec::new(),
         channels: BTreeMap::from([("y<1>".to_string(), 0.3), ("y2".to_string(), 0.7)]),
         bands_hz: vec![[10.0, 12.0, 0.8]],
         time: vec![0.125; STRETCHES],

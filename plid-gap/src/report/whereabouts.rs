@@ -52,16 +52,38 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
 fn sentence(outcome: &Outcome) -> String {
     let place = &outcome.diagnosis.place;
     let side = match place.side {
-        Side::Actuator => "Part of the signal path: actuator, between the command and the structure.",
-        Side::Structure => "Part of the signal path: structure.",
-        Side::Sensor => "Part of the signal path: sensor, between the structure and the record.",
-        Side::Disturbance => "Part of the signal path: disturbance, a force that no command causes.",
-        Side::Time => "Part of the signal path: time, a change during the records.",
+        _ if !place.side_is_clear => "Part of the signal path: not clear from the residual.",
+        None => "",
+        Some(Side::Actuator) => "Part of the signal path: actuator, between the command and the structure.",
+        Some(Side::Structure) => "Part of the signal path: structure.",
+        Some(Side::Sensor) => "Part of the signal path: sensor, between the structure and the record.",
+        Some(Side::Disturbance) => "Part of the signal path: disturbance, a force that no command causes.",
+        Some(Side::Time) => "Part of the signal path: time, a change during the records.",
     };
     let bands: Vec<String> =
         place.bands_hz.iter().map(|[from, to, share]| format!("{} ({})", band(*from, *to), percent(*share))).collect();
     let bands = if bands.is_empty() { String::new() } else { format!(" Most of the gap: {}.", bands.join(", ")) };
-    format!("{side}{bands}")
+    let places: Vec<String> =
+        place.places.iter().take(3).map(|p| format!("{} ({}) {}", p.place, part(p.side), percent(p.share))).collect();
+    let places = if places.is_empty() {
+        String::new()
+    } else {
+        format!(
+            " Of the residual beyond noise and limits, each place alone could explain, whatever it does: {}.",
+            places.join(", ")
+        )
+    };
+    format!("{side}{places}{bands}")
+}
+
+fn part(side: Side) -> &'static str {
+    match side {
+        Side::Actuator => "actuator",
+        Side::Structure => "structure",
+        Side::Sensor => "sensor",
+        Side::Disturbance => "disturbance",
+        Side::Time => "change over time",
+    }
 }
 
 /// Formats a band, "64 to 76 Hz", with as many digits as its width needs.

@@ -87,6 +87,25 @@ group! {
         open_unknown: f64 = 0.05, "1", 0.0..=1.0;
         /// Length of the next experiment.
         experiment_samples: usize = 2000, "samples", 64.0..=1e9;
+        /// Length of the next experiment over `experiment_samples` if the shorter one is not expected to separate the
+        /// explanations. Beside noise, an expected difference grows at least with the length.
+        experiment_longer: usize = 4, "1", 1.0..=1000.0;
+        /// Factor by which an experiment must separate better than a simpler one to be proposed. An expected figure of
+        /// one drawn signal scatters by a few per cent.
+        experiment_better: f64 = 1.1, "1", 1.0..=1e3;
+        /// Most experiments that are considered at the greater length, and most to which a sensor is added.
+        experiment_best: usize = 3, "experiments", 1.0..=100.0;
+        /// Least gain of the place that explains most of the residual for the side of the gap to be stated. It is that
+        /// of an effect beyond doubt: odds of three million to one.
+        side_gain: f64 = 30.0, "2 ln L", 0.0..=1e9;
+        /// Least share of the misfit beyond noise and limits that a place must explain for its side to be stated: more
+        /// than half, so that no two places of different sides explain separate parts of that size.
+        side_share: f64 = 0.5, "1", 0.0..=1.0;
+        /// Least lead of that share over the largest one on any other side. Smaller leads belong to the many small
+        /// errors of every simulation.
+        side_lead: f64 = 0.05, "1", 0.0..=1.0;
+        /// What the places of other sides leave must be at least this multiple of what the best place leaves.
+        side_ratio: f64 = 2.0, "1", 1.0..=1e3;
         /// Explanations with a smaller probability are not listed.
         least_probability: f64 = 1e-4, "1", 0.0..=1.0;
     }

@@ -1,14 +1,14 @@
 //! Golden maps of the location of a gap, one case each for actuator, structure, sensor and time: output x band, time,
-//! level slope and the part of the signal path that the screen names, compared with the physics of each. `PLID_BLESS=1`
-//! writes the files again.
+//! level slope and the part of the signal path that the residual shows, compared with the physics of each.
+//! `PLID_BLESS=1` writes the files again.
 
 use std::path::PathBuf;
 
-use plid_gap::effects::{Library, Side};
+use plid_gap::effects::Side;
 use plid_gap::research::locate::{self, BANDS, Map, STRETCHES};
 
 use plid_gap::case::{Excitation, Record};
-use plid_gap::research::{Base, Fineness, Known, Problem, prepare, screen};
+use plid_gap::research::{Known, Prepared, prepare};
 use serde_json::{Value, json};
 
 use crate::forward::structure::{CUBIC, STRUT};
@@ -80,25 +80,13 @@ fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
     }
     let ready = prepare(&model, &records, &Known::default()).unwrap();
     let map = locate::map(&ready.problem.records, &locate::errors(&ready.problem), &ready.noise, RATE, 1.15);
-    (map, side(&ready.problem))
+    (map, side(&ready))
 }
 
-/// The part of the signal path of the effect that the screen puts first.
-fn side(problem: &Problem) -> Side {
-    let library = Library::standard();
-    let eta = vec![0.0; problem.nuisance.len()];
-    let jacobian = problem.jacobian(&problem.plant);
-    let residual = problem.residual(&problem.plant, &eta, &[], Fineness::COARSE);
-    let base = Base {
-        problem,
-        jacobian: &jacobian,
-        plant: &problem.plant,
-        eta: &eta,
-        effects: &[],
-        residual: &residual,
-        bold: false,
-    };
-    screen(&base, &library, |_| false)[0].placed.effect.side()
+/// The part of the signal path that the residual shows clearly.
+fn side(ready: &Prepared) -> Side {
+    let places = locate::places(ready, &Known::default(), 1.0);
+    locate::side(&places, &ready.problem.settings.judge).unwrap_or_else(|| panic!("{places:#?}"))
 }
 
 /// Returns the share of an output, of a band by a frequency in it, or of a stretch.

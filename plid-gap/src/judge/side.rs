@@ -1,0 +1,261 @@
+//! The part of the signal path in which the gap arises, from the residual itself and not from the name of an effect.
+//!
+//! Each place of the signal path can only leave some residuals. What an actuator does is a function of its command,
+//! sent through the column of its input. What a sensor does is in one output, and is a function of that output. What a
+//! strut does is a function of its motion, sent through its port; and a wrong mode has the shapes of that mode. The
+//! functions are free here: static curves, hysteresis and earlier values (the free shapes of `effects/flexible.rs`),
+//! and factors of the modes' shapes at one input or one output. For each place, the share of the residual that it can
+//! explain beside the bounded refit is computed by linear least squares. With one function of one channel, this share
+//! is a coherence (Bendat and Piersol 2010, 7.3); along the column of an input or of a port, it is the part of rank one.
+//!
+//! A side is clear if one of its places explains most of the residual and all places of the other sides leave much more
+//! of it.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::effects::{
+    Effect, Flexible, MainsHum, MissingMode, NarrowbandDisturbance, Place, SensorOffset, Setting, Side,
+};
+use crate::fit::nuisance::{Nuisance, Part};
+use crate::fit::problem::{Placed, Problem, dot, sum_of_squares};
+use crate::fit::refit::{self, Refit, refit};
+use crate::prepare::{Known, Prepared};
+use crate::settings::JudgeSettings;
+use crate::simulate::Fineness;
+
+/// The share of the residual that a place can explain.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PlaceShare {
+    /// The part of the signal path.
+    pub side: Side,
+    /// The place, as the location of an effect.
+    pub place: String,
+    /// Share of the misfit beyond noise and limits.
+    pub share: f64,
+}
+
+/// Most places that are listed.
+const LISTED: usize = 8;
+
+/// Most lines that are tried as disturbances.
+const MOST_TONES: usize = 4;
+
+/// Size of a free coefficient in its own unit for a derivative: a hundredth of the signal.
+const STEP: f64 = 1e-2;
+
+/// Relative addition to the diagonal of the normal matrix, because some columns are nearly equal.
+const RIDGE: f64 = 1e-9;
+
+/// What a place can do: linear parameters without their limits, and runs with small effects.
+struct Means {
+    side: Side,
+    place: String,
+    freed: Vec<usize>,
+    runs: Vec<Placed<'static>>,
+}
+
+/// Returns how much each place explains, the most first. `factor` is the noise power over that of the noise model.
+pub fn places(ready: &Prepared, known: &Known, factor: f64) -> Vec<PlaceShare> {
+    let problem = problem(ready, known);
+    let Some(base) = Base::new(&problem) else { return Vec::new() };
+    let settings = &problem.settings.judge;
+    let means = means(&problem);
+    let gains: Vec<f64> = means.par_iter().map(|means| base.gain(means)).collect();
+    let most = gains.iter().copied().fold(0.0, f64::max);
+    if most < settings.side_gain {
+        return Vec::new();
+    }
+    let whole = most.max(base.cost - factor * problem.rows() as f64);
+    let mut shares: Vec<PlaceShare> = means
+        .into_iter()
+        .zip(gains)
+        .map(|(Means { side, place, .. }, gain)| PlaceShare { side, place, share: (gain / whole).max(0.0) })
+        .collect();
+    shares.sort_by(|a, b| b.share.total_cmp(&a.share));
+    shares
+}
+
+/// Returns the places that are listed in an answer.
+pub(crate) fn listed(places: &[PlaceShare]) -> Vec<PlaceShare> {
+    places.iter().take(LISTED).filter(|place| place.share > 0.0).cloned().collect()
+}
+
+/// Returns the side that these shares show; `None` if they do not.
+pub fn side(places: &[PlaceShare], settings: &JudgeSettings) -> Option<Side> {
+    let most = |which: &dyn Fn(Side) -> bool| {
+        places.iter().filter(|place| which(place.side)).max_by(|a, b| a.share.total_cmp(&b.share))
+    };
+    let ahead =
+        |one: f64, other: f64| one - other >= settings.side_lead && 1.0 - other >= settings.side_ratio * (1.0 - one);
+    let enough = |place: &&PlaceShare| place.share >= settings.side_share;
+    let steady = most(&|side| side != Side::Time)?;
+    // A course over time can imitate what does not change; so it has to explain more.
+    if let Some(time) = most(&|side| side == Side::Time).filter(enough)
+        && ahead(time.share, steady.share)
+    {
+        return Some(Side::Time);
+    }
+    let best = Some(steady).filter(enough)?;
+    let other = most(&|side| side != best.side && side != Side::Time).map_or(0.0, |place| place.share);
+    ahead(best.share, other).then_some(best.side)
+}
+
+/// Returns the problem on the first samples of the records, with the noise and the limits as they were before anything
+/// was counted as an error of the simulation.
+fn problem(ready: &Prepared, known: &Known) -> Problem {
+    let mut noise = ready.noise.clone();
+    noise.model_error.clone_from(&known.model_error);
+    let mut problem = ready.problem.head(ready.problem.settings.search.first_samples, &noise);
+    problem.nuisance = Nuisance::new(&problem.plant, &problem.records, &known.limits).with_prior_std(&known.prior_std);
+    problem
+}
+
+/// Returns what each place can do.
+fn means(problem: &Problem) -> Vec<Means> {
+    let setting = &problem.setting;
+    let parts = |which: &dyn Fn(Part) -> bool| -> Vec<usize> {
+        let of = |index: &usize| problem.nuisance.part(*index).is_some_and(which);
+        (0..problem.nuisance.of_simulation()).filter(of).collect()
+    };
+    let one = |side: Side, place: Place, freed: Vec<usize>, runs: Vec<Placed<'static>>| Means {
+        side,
+        place: place.location(&setting.names),
+        freed,
+        runs,
+    };
+    let mut all = Vec::new();
+    for (i, input) in setting.inputs().into_iter().enumerate() {
+        let shapes = [&Flexible::Command, &Flexible::Hysteresis, &Flexible::Path];
+        let runs = shapes.into_iter().flat_map(|shape| of_shape(shape, &input, setting)).collect();
+        all.push(one(Side::Actuator, input.clone(), parts(&|part| part == Part::Input(i)), runs));
+        all.push(one(Side::Time, input.clone(), Vec::new(), of_shape(&Flexible::GainCourse, &input, setting)));
+    }
+    for (o, output) in setting.outputs().into_iter().enumerate() {
+        let shapes = [&Flexible::Sensor, &Flexible::SensorPath, &Flexible::ZeroCourse];
+        let mut runs: Vec<_> = shapes.into_iter().flat_map(|shape| of_shape(shape, &output, setting)).collect();
+        runs.push(at(&SensorOffset, &output, vec![STEP * setting.y_rms[o]]));
+        all.push(one(Side::Sensor, output, parts(&|part| part == Part::Output(o)), runs));
+    }
+    for joint in setting.joints().into_iter().filter(|joint| !setting.is_on_a_mode(setting.port(joint))) {
+        let springs: &[&'static Flexible] = &[&Flexible::Stiffness, &Flexible::Joint];
+        let springs = if setting.plant.ports[setting.port(&joint)].sees_displacement() { springs } else { &[] };
+        let shapes = springs.iter().copied().chain([&Flexible::Damping]);
+        let runs = shapes.flat_map(|shape| of_shape(shape, &joint, setting)).collect();
+        all.push(one(Side::Structure, joint, Vec::new(), runs));
+    }
+    let poles = parts(&|part| part == Part::Pole);
+    all.push(one(Side::Structure, Place::Structure, poles, Vec::new()));
+    for place in MissingMode.places(setting) {
+        let runs = MissingMode.starts(setting, &place).into_iter().map(|start| at(&MissingMode, &place, start));
+        all.push(one(Side::Structure, place.clone(), Vec::new(), runs.collect()));
+    }
+    let course = of_shape(&Flexible::StiffnessCourse, &Place::Structure, setting);
+    all.push(one(Side::Time, Place::Structure, Vec::new(), course));
+    all.extend(lines(setting).map(|(side, place, runs)| one(side, place, Vec::new(), runs)));
+    all
+}
+
+/// Returns each line in the residual, as a force at each port and as hum of each output, with any phase.
+fn lines(setting: &Setting) -> impl Iterator<Item = (Side, Place, Vec<Placed<'static>>)> {
+    let phases = [0.0, std::f64::consts::FRAC_PI_2];
+    setting.tones.iter().take(MOST_TONES).flat_map(move |tone| {
+        let hz = tone.hz;
+        let forces = (0..setting.plant.ports.len()).map(move |port| {
+            let place = Place::Frequency(hz, port);
+            let run = |phase: f64| at(&NarrowbandDisturbance, &place, vec![STEP * setting.force[port], hz, phase]);
+            (Side::Disturbance, place.clone(), phases.map(run).to_vec())
+        });
+        let hums = setting.outputs().into_iter().enumerate().map(move |(o, place)| {
+            let run = |phase: f64| {
+                let mut parameters = vec![0.0; MainsHum.parameters(setting).len()];
+                parameters[..3].copy_from_slice(&[STEP * setting.y_rms[o], hz, phase]);
+                at(&MainsHum, &place, parameters)
+            };
+            (Side::Sensor, place.clone(), phases.map(run).to_vec())
+        });
+        forces.chain(hums).collect::<Vec<_>>()
+    })
+}
+
+fn at(effect: &'static dyn Effect, place: &Place, parameters: Vec<f64>) -> Placed<'static> {
+    Placed { effect, place: place.clone(), parameters }
+}
+
+/// Returns a run for each coefficient of a free shape.
+fn of_shape(shape: &'static Flexible, place: &Place, setting: &Setting) -> Vec<Placed<'static>> {
+    let count = shape.parameters(setting).len();
+    let run = |k: usize| at(shape, place, (0..count).map(|j| if j == k { STEP } else { 0.0 }).collect());
+    (0..count).map(run).collect()
+}
+
+/// The bounded refit, from which all places start.
+struct Base<'p> {
+    problem: &'p Problem,
+    refitted: Refit,
+    /// The residual of runs of the same fineness as those of the places.
+    now: Vec<f64>,
+    /// J' r.
+    pull: DVector<f64>,
+    cost: f64,
+}
+
+impl<'p> Base<'p> {
+    fn new(problem: &'p Problem) -> Option<Self> {
+        let refitted = refit(problem, refit::STEPS);
+        let now = problem.residual(&refitted.plant, &refitted.eta, &[], Fineness::COARSE);
+        let pull = problem.cross(&refitted.jacobian, &now).column(0).into_owned();
+        let mut base = Self { problem, refitted, now, pull, cost: 0.0 };
+        base.cost = base.left(&[], &[])?;
+        base.cost.is_finite().then_some(base)
+    }
+
+    /// Returns by how much a place lowers the misfit, less what chance gives to as many parameters.
+    fn gain(&self, means: &Means) -> f64 {
+        let trace = |placed: &Placed| -> Option<Vec<f64>> {
+            let effects = std::slice::from_ref(placed);
+            let with = self.problem.residual(&self.refitted.plant, &self.refitted.eta, effects, Fineness::COARSE);
+            let trace: Vec<f64> = self.now.iter().zip(&with).map(|(a, b)| a - b).collect();
+            let size = sum_of_squares(&trace);
+            (size.is_finite() && size > 0.0).then(|| trace.iter().map(|x| x / size.sqrt()).collect())
+        };
+        let traces: Vec<Vec<f64>> = means.runs.iter().filter_map(trace).collect();
+        let chance = (means.freed.len() + traces.len()) as f64;
+        self.left(&means.freed, &traces).map_or(0.0, |left| self.cost - left - chance)
+    }
+
+    /// Returns the misfit with some linear parameters without limits and with further columns: the sum of squares of
+    /// the residual and of the other linear parameters over their limits, at its minimum.
+    fn left(&self, freed: &[usize], traces: &[Vec<f64>]) -> Option<f64> {
+        let Refit { eta, jacobian, .. } = &self.refitted;
+        let (n, k) = (eta.len(), traces.len());
+        let mut normal = DMatrix::zeros(n + k, n + k);
+        let mut right = DVector::zeros(n + k);
+        normal.view_mut((0, 0), (n, n)).copy_from(&jacobian.normal);
+        right.rows_mut(0, n).copy_from(&self.pull);
+        let mut misfit = sum_of_squares(&self.now);
+        for (j, std) in self.problem.nuisance.std.iter().enumerate() {
+            if freed.contains(&j) {
+                normal[(j, j)] -= 1.0 / (std * std);
+            } else {
+                right[j] -= eta[j] / (std * std);
+                misfit += (eta[j] / std).powi(2);
+            }
+        }
+        for (j, trace) in traces.iter().enumerate() {
+            let cross = self.problem.cross(jacobian, trace);
+            normal.view_mut((0, n + j), (n, 1)).copy_from(&cross);
+            normal.view_mut((n + j, 0), (1, n)).copy_from(&cross.transpose());
+            traces[..=j].iter().enumerate().for_each(|(i, other)| {
+                let product = dot(trace, other);
+                normal[(n + i, n + j)] = product;
+                normal[(n + j, n + i)] = product;
+            });
+            right[n + j] = dot(trace, &self.now);
+        }
+        (0..n + k).for_each(|j| normal[(j, j)] *= 1.0 + RIDGE);
+        let factor = normal.cholesky()?;
+        Some(misfit - right.dot(&factor.solve(&right)))
+    }
+}
