@@ -36,6 +36,8 @@ pub(crate) struct Said<'s> {
     pub observed: &'s [Observation],
     /// The best explanation, whether or not it suffices.
     pub nearest: &'s [String],
+    /// The number of effects that are fitted but not named.
+    pub smaller: usize,
     /// The gaps.
     pub gap: &'s Gap,
     /// The gap that matters, relative to the output.
@@ -114,8 +116,13 @@ impl Said<'_> {
         format!("{} ({sure:.0} % sure)", listed(self.effects))
     }
 
-    fn them(&self) -> &'static str {
-        if self.effects.len() == 1 { "it" } else { "them" }
+    fn them(&self) -> String {
+        let them = if self.effects.len() == 1 { "it" } else { "them" };
+        match self.smaller {
+            0 => them.into(),
+            1 => format!("{them} and a smaller effect"),
+            smaller => format!("{them} and {smaller} smaller effects"),
+        }
     }
 
     fn all_noise(&self) -> String {

@@ -1,6 +1,7 @@
 //! The evidence in sentences.
 
 use crate::answer::motion;
+use crate::answer::schema::NamedEffect;
 use crate::effects::Place;
 use crate::evidence::Evidence;
 use crate::fit::candidate::{in_words, same};
@@ -10,14 +11,14 @@ use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
 use crate::words::likelihood;
 
-/// Returns the evidence in a sentence or two each. `class` is the most probable explanation, with the explanations that
+/// Returns the evidence in a sentence or two each. `named` are the effects of the answer. `class` is the most probable explanation, with the explanations that
 /// the records cannot separate from it.
 pub(crate) fn words(
     explained: &Explained,
     before: &Map,
     held_out: Option<HeldOut>,
     evidence: &Evidence,
-    class: Option<(String, String)>,
+    (named, class): (&[NamedEffect], Option<(String, String)>),
 ) -> Vec<String> {
     let judge = &explained.ready.problem.settings.judge;
     let mut words = vec![costs(explained)];
@@ -33,6 +34,7 @@ pub(crate) fn words(
     let problem = &explained.ready.problem;
     words.extend(evidence.words(&problem.plant, !explained.fit().effects.is_empty(), &problem.settings));
     words.extend(explained.found.best.effects.iter().flat_map(|placed| of_effect(explained, placed)));
+    words.extend(smaller(explained, named));
     words.extend(nearest_other(explained));
     words.extend(class.map(|(first, others)| {
         format!(
@@ -52,6 +54,29 @@ pub(crate) fn words(
     let excess = explained.judged.excess;
     words.push(format!("The residual exceeds the noise by {excess:.1} times the uncertainty of the noise level."));
     words
+}
+
+/// Lists the effects of the best explanation that are not named as causes.
+fn smaller(explained: &Explained, named: &[NamedEffect]) -> Option<String> {
+    let names = &explained.ready.problem.setting.names;
+    let is_named = |placed: &Placed| {
+        let at = placed.place.location(names);
+        named.iter().any(|named| named.effect == placed.effect.name() && named.location == at)
+    };
+    let others: Vec<String> = explained
+        .found
+        .best
+        .effects
+        .iter()
+        .filter(|placed| !is_named(placed))
+        .map(|placed| in_words(std::slice::from_ref(placed), names))
+        .collect();
+    (!others.is_empty() && !named.is_empty()).then(|| {
+        format!(
+            "The prediction also contains {}: too small beside what remains to be called a cause.",
+            others.join(" and ")
+        )
+    })
 }
 
 fn costs(explained: &Explained) -> String {

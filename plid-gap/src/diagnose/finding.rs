@@ -87,6 +87,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             .as_ref()
             .and_then(|predicted| next_experiment(self.explained, weighted, best, predicted, &rivals));
         let class = others(self.explained, &rivals).map(|others| (in_words(best, names), others));
+        let evidence = words(self.explained, before, *held_out, &self.evidence, (&effects, class));
         Diagnosis {
             verdict: if delay.is_some() { Verdict::Effects } else { *verdict },
             sentence,
@@ -104,7 +105,7 @@ impl<'f, 'a> Finding<'f, 'a> {
                 (&ready.problem.settings.judge, &ready.problem.settings.answer),
             ),
             remainder: remainder(self.explained, gaps, after, simulated, self.audit.case.config.material),
-            evidence: words(self.explained, before, *held_out, &self.evidence, class),
+            evidence,
             gap: gaps.clone(),
             settings: GapSettings::clone(&ready.problem.settings),
             warnings: self.audit.case.warnings.clone(),
@@ -112,7 +113,8 @@ impl<'f, 'a> Finding<'f, 'a> {
     }
 
     /// Returns the effects with their parameters, the largest part of the gap first. The largest effect is always
-    /// named, and further ones only if they close a noticeable share; the others remain among the candidates.
+    /// named, and further ones only if they close a noticeable share and, in an imperfect simulation, if they are more
+    /// likely at work than not; the others remain among the candidates and in the prediction.
     fn named(&self) -> Vec<NamedEffect> {
         let Judgement { gaps, shares, shown, weighted, .. } = &self.judged;
         let best = &self.explained.found.best.effects;
@@ -129,9 +131,14 @@ impl<'f, 'a> Finding<'f, 'a> {
         let mut order: Vec<usize> = (0..named.len()).collect();
         order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
         let mut sorted: Vec<NamedEffect> = order.into_iter().map(|k| named[k].clone()).collect();
-        let least_share = self.explained.ready.problem.settings.judge.least_share;
+        let judge = &self.explained.ready.problem.settings.judge;
+        let imperfect = self.explained.ready.widened.is_some();
+        let stands = |effect: &NamedEffect| {
+            effect.share.is_none_or(|share| share >= judge.least_share)
+                && (!imperfect || effect.confidence >= judge.least_confidence)
+        };
         let mut first = true;
-        sorted.retain(|effect| std::mem::take(&mut first) || effect.share.is_none_or(|share| share >= least_share));
+        sorted.retain(|effect| std::mem::take(&mut first) || stands(effect));
         sorted
     }
 
@@ -168,6 +175,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             effects,
             observed: &observed,
             nearest: &nearest,
+            smaller: (best.len() + self.judged.shown.len()).saturating_sub(effects.len()),
             gap: gaps,
             material: self.audit.case.config.material,
             seen: level.seen,

@@ -207,7 +207,10 @@ fn by_rule(explained: &Explained) -> String {
         wanted
             .push("a sine at the frequency where most of the gap lies, at several levels: its harmonics show the kind");
     }
-    format!("Nothing in the vocabulary explains the remainder; to identify it, record {}.", wanted.join(", then "))
+    format!(
+        "Nothing in the vocabulary explains the remainder. To identify it, the next records should be {}.",
+        wanted.join(", then ")
+    )
 }
 
 #[cfg(test)]
