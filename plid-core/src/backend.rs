@@ -70,9 +70,9 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         }
     }
 
-    /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the rows of W (n x r, and any rows after
-    /// them), whose columns have these weights: U unit upper triangular (rows after its n are zero) and d with U
-    /// diag(d) U^T = W diag(weights) W^T. `w` is destroyed; `work` holds 4r and W's rows.
+    /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the first n rows of W (n x r), whose
+    /// columns have these weights: U unit upper triangular and d with U diag(d) U^T = W diag(weights) W^T. W may have
+    /// further rows; those of U are then zero. `w` is destroyed; `work` has 4r + rows(W) entries.
     fn weighted_gram_schmidt(
         w: ViewMut<'_, Self::Scalar>,
         support: Support<'_>,
@@ -84,8 +84,8 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         Self::Scalar::weighted_gram_schmidt(w, support, weights, u, d, work);
     }
 
-    /// The upper triangular S (n x n, and any rows after them zero) with S S^T = W W^T, by Householder reflections of
-    /// the columns of W (n x r, and any rows after them, r >= n). `w` is destroyed; `work` holds 2r and W's rows.
+    /// The upper triangular S (n x n) with S S^T = W W^T, by Householder reflections of the columns of W (n x r, r >=
+    /// n). W may have further rows; those of S are then zero. `w` is destroyed; `work` has 2r + rows(W) entries.
     fn triangular_factor(
         w: ViewMut<'_, Self::Scalar>,
         n: usize,

@@ -9,7 +9,7 @@ use crate::{CovariancePropagation, Dense, ImplicitModel, NoiseTerms, ScalarOf, T
 pub struct StepView<'a, S> {
     /// The structure.
     pub model: &'a dyn ImplicitModel,
-    /// The noise, for the outputs that are there.
+    /// The noise, for the available outputs.
     pub noise: &'a NoiseTerms<S>,
     /// The estimate of s = [x; theta], N entries, at the time of the call.
     pub s: &'a [S],

@@ -371,7 +371,7 @@ where
         call(&mut self.expectations, &view, &mut &mut *self.covariance, &mut self.transition);
     }
 
-    /// z - C x of the outputs that are there; returns how many.
+    /// z - C x of the available outputs; returns how many.
     fn form_residual(&mut self) -> usize {
         let available = self.noise.available();
         for (k, (&i, &row)) in available.iter().zip(&self.rows).enumerate() {

@@ -20,7 +20,7 @@ pub struct ViewMut<'a, S> {
     stride: usize,
 }
 
-/// What both views tell of themselves.
+/// The accessors of both views.
 macro_rules! shape_and_entries {
     ($view:ident) => {
         impl<S: Scalar> $view<'_, S> {

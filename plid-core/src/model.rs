@@ -19,7 +19,7 @@ pub trait ImplicitModel: Send + Sync {
     /// The state c_i that each of the p outputs reads, from 0.
     fn output_states(&self) -> &[usize];
 
-    /// Where row `i` of J has its one, if it has any. It must lie below `i`: then J x can be formed in place.
+    /// Where row `i` of J has its one, if it has any. Its index is less than `i`, so that J x can be formed in place.
     fn shift_source(&self, i: usize) -> Option<usize>;
 
     /// The number of outputs p.

@@ -222,8 +222,8 @@ impl CheckScratch {
     }
 }
 
-/// What a step uses of the noise model: the moments of v and xi given w, for the outputs
-/// that are there.
+/// What a step uses of the noise model: the moments of v and xi given w, for the available
+/// outputs.
 #[derive(Clone, Debug)]
 pub struct NoiseTerms<S> {
     available: Vec<usize>,
@@ -394,7 +394,7 @@ impl<S: Scalar> NoiseTerms<S> {
         }
     }
 
-    /// The outputs that are there, ascending. The rows and columns of R, L and M below stand in this order.
+    /// The available outputs, ascending. The rows and columns of R, L and M below stand in this order.
     pub fn available(&self) -> &[usize] {
         &self.available
     }
@@ -409,7 +409,7 @@ impl<S: Scalar> NoiseTerms<S> {
         self.unit.at(i, j)
     }
 
-    /// D of R = T D T^T.
+    /// D of R = T D T^T, of the available outputs.
     pub fn sensor_pivots(&self) -> &[S] {
         &self.pivots[..self.available.len()]
     }

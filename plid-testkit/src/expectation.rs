@@ -5,7 +5,8 @@ use plid_core::ConditionalExpectations;
 use plid_model::scalar_bayes::ScalarPrior;
 use plid_variants::covariance::BiermanUd;
 
-use crate::run::Variant;
+use crate::case::{Options, random_case};
+use crate::run::{Variant, finish_with, outcome, relative};
 use crate::scalar_case::ScalarCase;
 use crate::{allocations, properties};
 
@@ -40,7 +41,8 @@ pub fn grid_bayes<E: ConditionalExpectations<Scalar = f64>>(sigma: f64, r: f64, 
 /// agree, and checkpoints continue to the same bits. Permuted and rescaled channels permute and rescale the estimate.
 /// On a scalar plant its error is no smaller than that of exact Bayes, and smaller than the prior's.
 ///
-/// How good it is beyond that is not judged; [`grid_bayes`] tells.
+/// How good it is beyond that is not judged; [`grid_bayes`] tells. Nor are its equations: a missing drift or a wrong
+/// sign may pass. [`same_expectations`] compares it with another expectation.
 ///
 /// # Panics
 /// Where it does not conform.
@@ -52,4 +54,39 @@ pub fn check_expectation<E: ConditionalExpectations<Scalar = f64>>() {
     assert!(found.rmse > 0.97 * found.exact_rmse, "better than exact Bayes, which cannot be: {found:?}");
     assert!(found.rmse < 0.7 * prior.a.1.sqrt(), "the estimate hardly learns from the record: {found:?}");
     assert!(found.nees.is_finite() && found.nees > 0.0, "{found:?}");
+}
+
+/// Structures (observability indices, number of inputs) on which two expectations are compared.
+const STRUCTURES: [(&[usize], usize); 3] = [(&[2, 1], 2), (&[3], 1), (&[1, 2, 2], 3)];
+
+/// Largest relative difference that rounding makes between two ways of writing one expectation.
+const SAME: f64 = 1e-9;
+
+/// Compares two expectations that these options make equal, such as an expectation of your own and a built-in one:
+/// estimate and covariance after random records with outputs that are missing and noise that changes, whose six
+/// covariances are all present.
+///
+/// ```
+/// use plid_variants::expectations::{Posterior, Prior};
+///
+/// plid_testkit::same_expectations::<Prior<f64>, Prior<f64>>(&(), &());
+/// let differ = || plid_testkit::same_expectations::<Prior<f64>, Posterior<f64>>(&(), &());
+/// assert!(std::panic::catch_unwind(differ).is_err());
+/// ```
+///
+/// # Panics
+/// Where they differ by more than rounding.
+pub fn same_expectations<A, B>(a: &A::Options, b: &B::Options)
+where
+    A: ConditionalExpectations<Scalar = f64>,
+    B: ConditionalExpectations<Scalar = f64>,
+{
+    for (seed, (indices, inputs)) in (1..).zip(STRUCTURES) {
+        let options = Options { steps: 100, noise_scale: 0.1, noise_models: 2, missing: 0.2, full_initial: true };
+        let case = random_case(indices, inputs, options, seed);
+        let (s, p) = outcome(&finish_with::<BiermanUd<Plain<f64>>>(&case, |model| Box::new(A::new(model, a))));
+        let (s_b, p_b) = outcome(&finish_with::<BiermanUd<Plain<f64>>>(&case, |model| Box::new(B::new(model, b))));
+        let (ds, dp) = (relative(&s, &s_b), relative(&p, &p_b));
+        assert!(ds < SAME && dp < SAME, "indices {indices:?}: relative differences of s {ds:.1e} and of P {dp:.1e}");
+    }
 }

@@ -12,6 +12,7 @@
 //! - [`check_form`]: the dense recursion in double-double, positivity, checkpoints, missing outputs, permuted and
 //!   rescaled channels, forgetting, parameter noise, a warm start, and no allocation in a step.
 //! - [`check_expectation`]: the same properties as far as they hold for any expectation, and exact Bayes on a grid.
+//! - [`same_expectations`]: two expectations that should be equal.
 //! - [`check_backend`]: all of plid's forms on the backend.
 //! - [`check_scalar_update`]: the measurement update by any row.
 //!
@@ -47,7 +48,7 @@ pub mod scalar_case;
 mod warm_start;
 
 pub use algebra::{bierman, check_scalar_update, dyer_mcreynolds};
-pub use expectation::{Calibration, check_expectation, grid_bayes};
+pub use expectation::{Calibration, check_expectation, grid_bayes, same_expectations};
 
 use plid_core::{Backend, Form, Scalar, ScalarOf};
 use reference::Kind;

@@ -151,7 +151,7 @@ fn stays_a_covariance<S: Kernels>(variant: &Variant<S>, case: &Case) {
     let p = run.covariance().own_dense();
     for j in 0..p.rows() {
         for i in 0..j {
-            assert_eq!(p.at(i, j), p.at(j, i));
+            assert_eq!(p.at(i, j), p.at(j, i), "the triangles of `dense_in` differ at ({i}, {j})");
         }
     }
     let (smallest, largest) = smallest_eigenvalue(&p.cast());

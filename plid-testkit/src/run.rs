@@ -140,6 +140,20 @@ pub fn every_variant<B: Backend>() -> Vec<Variant<B::Scalar>> {
     plid_variants::every_form!(every_variant, [B])
 }
 
+/// The run with form `C` and this expectation after the last sample of a case.
+pub(crate) fn finish_with<C: Form>(
+    case: &Case,
+    expectation: impl FnOnce(&dyn ImplicitModel) -> Box<dyn ConditionalExpectations<Scalar = ScalarOf<C>>>,
+) -> Run<ScalarOf<C>> {
+    let form = ObservableForm::new(&case.indices, case.inputs).unwrap();
+    let expectation = expectation(&form);
+    let mut run = Run::begin(form, &case.noise[0], &case.settings, start_form::<C>(), expectation).unwrap();
+    for k in 0..case.z.len() {
+        take(&mut run, case, k).unwrap();
+    }
+    run
+}
+
 /// The step `k` of a case.
 ///
 /// # Errors

@@ -8,7 +8,7 @@ use crate::part::Part;
 use crate::progress::Bar;
 use crate::{Failure, Voice, directory, voice};
 
-/// Compare the five conditional expectations with each other, with exact Bayesian estimation and with batch estimates.
+/// Compare the conditional expectations with each other, with exact Bayesian estimation and with batch estimates.
 ///
 /// NEES (is the stated accuracy true?), RMS error and free-run error over signal-to-noise ratios from 0.3 to 300, for a
 /// scalar plant, for plants of 4 to 12 states, and for the truss with fewer states than it has; with the true Sigma and

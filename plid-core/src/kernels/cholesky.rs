@@ -45,9 +45,9 @@ pub fn solve_lower<S: Scalar>(l: View<'_, S>, x: &mut [S]) {
     }
 }
 
-/// A = T D T^T of a positive semidefinite matrix, T unit lower triangular, written over the strict lower triangle;
-/// D into `d`. A pivot of at most `zero` times its diagonal entry counts as zero and takes its column along:
-/// in a semidefinite matrix nothing else can stand under it.
+/// A = T D T^T of a positive semidefinite matrix, T unit lower triangular, written over the strict lower triangle; D
+/// into `d`. A pivot of at most `zero` times its diagonal entry counts as zero, and so do the entries below it, which
+/// are zero in a semidefinite matrix.
 ///
 /// # Errors
 /// A pivot below minus `refuse` times the diagonal entry, or not finite; a pivot that counts as zero with an entry
@@ -86,8 +86,8 @@ pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], zero: f64
 
 /// Cholesky with diagonal pivoting of a positive semidefinite matrix: A = L L^T with L (in the rows' own order, its
 /// columns in the order of the pivots) written into `l`, zero from the returned rank on. `a`, whose lower triangle is
-/// used, is destroyed; `scale` holds n entries. What is left with no pivot above `zero` times its diagonal entry counts
-/// as zero: relative to each entry's own, since rows of A may have different units.
+/// used, is destroyed; `scale` holds n entries. The factor ends when every remaining pivot is at most `zero` times the
+/// diagonal entry of A in its row. Each row is compared with itself, because rows may have different units.
 ///
 /// # Errors
 /// A pivot below minus `refuse` times its diagonal entry, or one that is not finite.

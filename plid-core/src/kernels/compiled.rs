@@ -103,16 +103,17 @@ macro_rules! each_kernel {
             /// into `v`, whose rows from n on become zero. A pivot of at most `zero` times its diagonal entry (or not a
             /// number) is given as zero, and its column of V too. `work` holds n entries.
             gram_schmidt::upper_ldl(q: View<'_, $s>, v: ViewMut<'_, $s>, d: &mut [$s], zero: $s, work: &mut [$s]);
-            /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the rows of W (n x r, and any rows
-            /// after them), whose columns have these weights: U unit upper triangular (rows after its n are zero) and d
-            /// with U diag(d) U^T = W diag(weights) W^T. `w` is destroyed; `work` holds 4r and W's rows.
+            /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the first n rows of W (n x r),
+            /// whose columns have these weights: U unit upper triangular and d with U diag(d) U^T = W diag(weights)
+            /// W^T. W may have further rows; those of U are then zero. `w` is destroyed; `work` has 4r + rows(W)
+            /// entries.
             gram_schmidt::weighted_gram_schmidt(
                 w: ViewMut<'_, $s>, support: Support<'_>, weights: &[$s], u: ViewMut<'_, $s>, d: &mut [$s],
                     work: &mut [$s]
             );
-            /// The upper triangular S (n x n, and any rows after them zero) with S S^T = W W^T, by Householder
-            /// reflections of the columns of W (n x r, and any rows after them, r >= n). `w` is destroyed; `work` holds
-            /// 2r and W's rows.
+            /// The upper triangular S (n x n) with S S^T = W W^T, by Householder reflections of the columns of W (n x
+            /// r, r >= n). W may have further rows; those of S are then zero. `w` is destroyed; `work` has 2r + rows(W)
+            /// entries.
             householder::triangular_factor(
                 w: ViewMut<'_, $s>, n: usize, tails: Tails<'_>, s: ViewMut<'_, $s>, work: &mut [$s]
             );

@@ -11,8 +11,8 @@ use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
 use crate::words::likelihood;
 
-/// Returns the evidence in a sentence or two each. `named` are the effects of the answer. `class` is the most probable explanation, with the explanations that
-/// the records cannot separate from it.
+/// Returns the evidence in a sentence or two each. `named` are the effects of the answer. `class` is the most probable
+/// explanation, with the explanations that the records cannot separate from it.
 pub(crate) fn words(
     explained: &Explained,
     before: &Map,
@@ -123,8 +123,8 @@ fn of_records(explained: &Explained) -> Vec<String> {
     let cut = cut.map(|(o, (quantisation, output))| {
         let unit = setting.unit("V", &Place::Output(o));
         format!(
-            "The converter of {output} truncates towards zero: half a step, {:.4} {unit}, was added to its values before \
-            all fits.",
+            "The converter of {output} truncates towards zero: half a step, {:.4} {unit}, was added to its values \
+            before all fits.",
             quantisation.step / 2.0
         )
     });

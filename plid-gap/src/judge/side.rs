@@ -6,7 +6,8 @@
 //! functions are free here: static curves, hysteresis and earlier values (the free shapes of `effects/flexible.rs`),
 //! and factors of the modes' shapes at one input or one output. For each place, the share of the residual that it can
 //! explain beside the bounded refit is computed by linear least squares. With one function of one channel, this share
-//! is a coherence (Bendat and Piersol 2010, 7.3); along the column of an input or of a port, it is the part of rank one.
+//! is a coherence (Bendat and Piersol 2010, 7.3); along the column of an input or of a port, it is the part of rank
+//! one.
 //!
 //! A side is clear if one of its places explains most of the residual and all places of the other sides leave much more
 //! of it.

@@ -73,9 +73,9 @@ group! {
         /// Least share of the squared held-out gap that an effect other than the largest must close to be named: a
         /// tenth in amplitude. Smaller shares belong to the many small errors of every simulation.
         least_share: f64 = 0.01, "1", 0.0..=1.0;
-        /// Least confidence in an effect other than the largest to be named where the simulation is imperfect as a whole:
-        /// it is more likely than not at work. Of 23 smaller effects that answers for 29 imperfect truths named, none
-        /// was the cause that was planted; 19 of them had a confidence of 0.4 or less.
+        /// Least confidence in an effect other than the largest to be named where the simulation is imperfect as a
+        /// whole: it is more likely than not at work. Of 23 smaller effects that answers for 29 imperfect truths named,
+        /// none was the cause that was planted; 19 of them had a confidence of 0.4 or less.
         least_confidence: f64 = 0.5, "1", 0.0..=1.0;
         /// The effects are written into the simulation if the held-out gap with them is at most this multiple of the
         /// gap without them.

@@ -127,9 +127,9 @@ const TURN: f64 = 0.25;
 /// Most parts of a sample.
 const MOST_PARTS: f64 = 32.0;
 
-/// Returns the most parts of a block, a power of two. Each force acts on the motion at all later parts of its block, and
-/// each block costs a product with the state, so blocks are short for a plant of few states. (A servo with a stop: 25 s
-/// of a processor with two parts, 34 with four and 51 with eight; a truss: 23, 18 and 17.)
+/// Returns the most parts of a block, a power of two. Each force acts on the motion at all later parts of its block,
+/// and each block costs a product with the state, so blocks are short for a plant of few states. (A servo with a stop:
+/// 25 s of a processor with two parts, 34 with four and 51 with eight; a truss: 23, 18 and 17.)
 fn most_in_a_block(plant: &Plant) -> usize {
     plant.n().div_ceil(lanes::WIDE).next_power_of_two().clamp(2, 8)
 }
