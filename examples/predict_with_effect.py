@@ -314,15 +314,35 @@ def simulate(file, u, t0):
             change(COMMANDS[name], u, location, model["inputs"], {**p, "parts": parts}, np.repeat(t, parts),
                    1 / (rate * parts))
     forces = [(name, p, strut(location, model)) for name, location, p in effects if name in FORCES]
+    on_motions = [force for force in forces if is_moved(force[2])]
+    forces = [force for force in forces if not is_moved(force[2])]
     if forces:
         u, parts = refined(u, parts, max([FORCE_PARTS] + [stiff_parts(*force, rate) for force in forces]))
     pushes = [(DISTURBANCES[name](t, p), strut(location, model)) for name, location, p in effects if name in DISTURBANCES]
     drifts = [(DRIFTS[name], p) for name, _, p in effects if name in DRIFTS]
     y = structure(model, q, u, parts, t, forces, pushes, drifts)
+    for name, p, port in on_motions:
+        d = u[model["inputs"].index(port["input"]), ::parts]
+        y += np.outer(port["output"], on_a_given_motion(name, p, d, rate))
     for name, location, p in effects:
         if name in SENSORS:
             change(SENSORS[name], y, location, model["outputs"], p, t, 1 / rate)
     return y
+
+
+def is_moved(port):
+    """Whether the motion at a port is its input, as on a testing machine: no state moves there."""
+    return "input" in port and not np.any([port["force"], port["displacement"], port["velocity"]])
+
+
+def on_a_given_motion(name, p, d, rate):
+    """The force of a law on a displacement d at its samples."""
+    v, z, force = np.gradient(d) * rate, 0.0, np.zeros(len(d))
+    for k in range(len(d)):
+        if name in SLIPS and k > 0:
+            z = SLIPS[name](z, d[k] - d[k - 1], p)
+        force[k] = FORCES[name](d[k], v[k], z, p)
+    return force
 
 
 def stiff_parts(name, p, port, rate):

@@ -1,7 +1,7 @@
 //! The kinds of the outputs and the locations of forces, as the diagnosis understood them.
 
 use crate::effects::Names;
-use crate::plant::{KindSource, Plant, Port, PortSource};
+use crate::plant::{KindSource, Plant, Port, PortScale, PortSource};
 
 /// States the kind of each output, and the locations of forces that depend on the motion, as far as they are not
 /// obvious.
@@ -18,8 +18,12 @@ pub(crate) fn in_words(plant: &Plant, names: &Names) -> Vec<String> {
         return words;
     }
     if plant.port_source == PortSource::Axis {
-        let place = |port: &Port| {
-            format!("{} {}", if port.input.is_some() { "on the axis of" } else { "at the output" }, port.name)
+        let place = |port: &Port| match (port.scale, port.input) {
+            (PortScale::Moved { input, output }, _) => {
+                format!("between the motion {} and the force {}", names.inputs[input], names.outputs[output])
+            }
+            (_, Some(_)) => format!("on the axis of {}", port.name),
+            (_, None) => format!("at the output {}", port.name),
         };
         let places: Vec<String> = plant.ports.iter().map(place).collect();
         words.push(format!("Forces that depend on the motion were considered {}.", places.join(" and ")));
@@ -37,15 +41,18 @@ pub(crate) fn in_words(plant: &Plant, names: &Names) -> Vec<String> {
 }
 
 fn kinds(plant: &Plant, names: &Names) -> String {
-    let one = |(output, sensed): (&String, &crate::plant::Sensed)| {
+    let is_force =
+        |o: usize| plant.ports.iter().any(|port| matches!(port.scale, PortScale::Moved { output, .. } if output == o));
+    let one = |(o, (output, sensed)): (usize, (&String, &crate::plant::Sensed))| {
         let source = match sensed.source {
             KindSource::Declared => "declared",
             KindSource::Inferred => "inferred from the simulation",
+            KindSource::Assumed if is_force(o) => return format!("{output} measures a force (its response shows it)"),
             KindSource::Assumed => "assumed",
         };
         format!("{output} measures {} ({source})", with_article(sensed.kind().name()))
     };
-    let all: Vec<String> = names.outputs.iter().zip(&plant.sensed).map(one).collect();
+    let all: Vec<String> = names.outputs.iter().zip(&plant.sensed).enumerate().map(one).collect();
     format!("{}.", all.join("; "))
 }
 

@@ -42,7 +42,9 @@ impl Effect for JointHysteresis {
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let port = setting.port(place);
         let (force, d) = (setting.force[port], setting.d_rms[port]);
-        let plain = [0.25, 0.8, 2.5].map(|share| vec![0.01 * force / d, share * d]);
+        // A given motion may be far beyond the yield: nothing but the testing machine limits it.
+        let far: &[f64] = if setting.plant.ports[port].moved_by().is_some() { &[0.003, 0.01, 0.03, 0.1] } else { &[] };
+        let plain = [0.25, 0.8, 2.5].iter().chain(far).map(|share| vec![0.01 * force / d, share * d]);
         let skewed = [0.0, -1.0].into_iter().flat_map(|h| [0.4, 1.2].map(|share| vec![0.01 * force / d, share * d, h]));
         plain.into_iter().chain(skewed).collect()
     }
@@ -55,7 +57,9 @@ impl Effect for JointHysteresis {
         // Above, it never yields and is a spring; far below, it is Coulomb friction. With a large h it is a nonlinear
         // spring, whose curve is the same up and down.
         let skew = parameters.get(2).copied().unwrap_or(1.0).abs();
-        (0.01..10.0).contains(&(parameters[1] / setting.d_rms[setting.port(place)])) && skew < MOST_SKEWED
+        let port = setting.port(place);
+        let least = if setting.plant.ports[port].moved_by().is_some() { 1e-3 } else { 0.01 };
+        (least..10.0).contains(&(parameters[1] / setting.d_rms[port])) && skew < MOST_SKEWED
     }
 
     fn free_shape(&self) -> Option<&'static Flexible> {

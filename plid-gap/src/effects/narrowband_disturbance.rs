@@ -26,7 +26,8 @@ impl Effect for NarrowbandDisturbance {
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
-        let ports = (0..setting.plant.ports.len()).filter(|&k| !setting.is_on_a_mode(k));
+        let stands = |k: &usize| setting.plant.ports[*k].moved_by().is_none();
+        let ports = (0..setting.plant.ports.len()).filter(|&k| !setting.is_on_a_mode(k)).filter(stands);
         ports.flat_map(|port| setting.tones.iter().map(move |tone| Place::Frequency(tone.hz, port))).collect()
     }
 

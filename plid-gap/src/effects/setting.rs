@@ -111,8 +111,12 @@ impl Setting {
     /// were inferred from modes, the frequency and the damping ratio of each mode serve instead.
     pub fn loads(&self) -> Vec<Place> {
         let exact = self.plant.port_source != PortSource::Inferred && self.plant.rest.continuous.is_some();
-        let on_a_mode = |place: &Place| self.is_on_a_mode(self.port(place));
-        if exact { self.joints().into_iter().filter(|place| !on_a_mode(place)).collect() } else { Vec::new() }
+        let may_act = |place: &Place| {
+            let port = self.port(place);
+            // A linear force on a prescribed motion is a number of the linear model.
+            !self.is_on_a_mode(port) && self.plant.ports[port].moved_by().is_none()
+        };
+        if exact { self.joints().into_iter().filter(may_act).collect() } else { Vec::new() }
     }
 
     /// Returns the locations of [`Setting::loads`] that a force accelerates at once. A force that passes the lag of an
@@ -143,7 +147,7 @@ impl Setting {
     /// Multiples of a start at which an internal force is 1, 3 and 10 % of the spring force there. A shift of a
     /// resonance by more than its width cannot be extrapolated from a small change.
     pub(crate) fn bold_sizes(&self, port: usize) -> Vec<f64> {
-        if !(self.force[port] > 0.0) {
+        if !(self.force[port] > 0.0 && self.stiffness[port] > 0.0) {
             return vec![1.0];
         }
         // Starts have a hundredth of `force`.

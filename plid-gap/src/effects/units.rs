@@ -52,6 +52,7 @@ impl Units {
             PortScale::Inferred(input) => AtPort::Arbitrary(input.and_then(|i| self.input(i))),
             PortScale::Shown { input, output } => AtPort::Known([self.input(input), self.displacement(plant, output)]),
             // Force times displacement is the same work at both places.
+            PortScale::Moved { input, output } => AtPort::Known([self.output(output), self.input(input)]),
             PortScale::Reciprocal { input, axis, output } => {
                 let [axis, own] = [axis, output].map(|o| self.displacement(plant, o));
                 let force = self.input(input).zip(axis).zip(own.as_ref());

@@ -1,18 +1,68 @@
-use super::{CasePort, KindSource, Plant, Port};
+use nalgebra::{DMatrix, DVector};
+use plid_model::OutputKind;
+
+use super::{CasePort, KindSource, Plant, Port, PortScale};
 use plid_fourier::C;
+
+/// Frequencies, over the sample rate, between which the response to a motion is compared.
+const SLOW_AND_FAST: [f64; 2] = [1e-3, 0.25];
 
 /// The axis of each input, as a port, for a plant without lightly damped modes: a motor, a servo, a slider.
 ///
 /// It is the port between the input and the collocated output: of the outputs that sense a position or a velocity, or
 /// are declared to sense an acceleration, the one to which the input contributes most. A velocity gives the
 /// displacement only if a spring holds the axis. Otherwise that is no combination of the states.
-pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
+///
+/// Where no output shows a motion, the input itself may be one, and an output the force that it takes: a damper on a
+/// testing machine. `kinds` are the declared kinds of the outputs.
+pub(super) fn infer(plant: &Plant, inputs: &[String], kinds: &[Option<OutputKind>]) -> Vec<Port> {
     let axis = |(input, name): (usize, &String)| {
-        let output = collocated(plant, input)?;
+        let Some(output) = collocated(plant, input) else { return moved(plant, input, name, kinds) };
         let port = plant.between(&CasePort { name: name.clone(), input, output }).ok()?;
         Some(Port { input: Some(input), ..port })
     };
     inputs.iter().enumerate().filter_map(axis).collect()
+}
+
+/// Returns the port of an input that is a motion, if an output is the force that it takes. That is declared, or the
+/// output follows the input at once and several times more the faster it moves. A force on a spring, a damper or a mass
+/// does so, and a motion does not.
+fn moved(plant: &Plant, input: usize, name: &str, kinds: &[Option<OutputKind>]) -> Option<Port> {
+    let at_once = |o: usize| plant.d[(o, input)].abs();
+    let is_force = |o: &usize| match kinds.get(*o).copied().flatten() {
+        Some(OutputKind::Force) => at_once(*o) > 0.0,
+        Some(_) => false,
+        None => {
+            let [slow, fast] = SLOW_AND_FAST.map(|share| gain(plant, *o, input, share));
+            at_once(*o) > 0.5 * fast && fast > plant.settings.force_rise * slow
+        }
+    };
+    let output = (0..plant.p).filter(is_force).max_by(|&x, &y| at_once(x).total_cmp(&at_once(y)))?;
+    // The device resists, so its force on what moves it is the opposite of what is measured.
+    let measured = -plant.d[(output, input)].signum();
+    let none = DVector::zeros(plant.rest.a.nrows());
+    Some(Port {
+        name: name.into(),
+        input: Some(input),
+        scale: PortScale::Moved { input, output },
+        force: Vec::new(),
+        displacement: Vec::new(),
+        velocity: Vec::new(),
+        force_rest: none.clone(),
+        displacement_rest: none.clone(),
+        velocity_rest: none,
+        output: (0..plant.p).map(|o| if o == output { measured } else { 0.0 }).collect(),
+    })
+}
+
+/// Returns the magnitude of the response of a plant without modes at a share of the sample rate.
+fn gain(plant: &Plant, output: usize, input: usize, share: f64) -> f64 {
+    let rest = &plant.rest;
+    let n = rest.a.nrows();
+    let z = C::from_polar(1.0, std::f64::consts::TAU * share);
+    let shifted = DMatrix::from_diagonal_element(n, n, z) - rest.a.map(C::from);
+    let Some(x) = shifted.lu().solve(&rest.b.column(input).map(C::from)) else { return f64::NAN };
+    ((rest.c.row(output).map(C::from) * x)[0] + plant.d[(output, input)]).norm()
 }
 
 /// The output that shows the motion of an input's axis, if any does.
@@ -38,9 +88,19 @@ impl Plant {
 }
 
 impl Port {
+    /// Returns the input that is the motion at the port, if it is one.
+    pub fn moved_by(&self) -> Option<usize> {
+        match self.scale {
+            PortScale::Moved { input, .. } => Some(input),
+            _ => None,
+        }
+    }
+
     /// Whether the displacement at the port is known, and not only the velocity.
     pub fn sees_displacement(&self) -> bool {
-        self.displacement.iter().any(|x| *x != C::ZERO) || self.displacement_rest.iter().any(|x| *x != 0.0)
+        self.moved_by().is_some()
+            || self.displacement.iter().any(|x| *x != C::ZERO)
+            || self.displacement_rest.iter().any(|x| *x != 0.0)
     }
 }
 
@@ -102,5 +162,36 @@ mod tests {
         let port = &plant.ports[0];
         assert!((port.velocity_rest.dot(&port.force_rest) - 0.5).abs() < 1e-6);
         assert_eq!(plant.stiffness(port), 0.0);
+    }
+
+    /// A damper on a testing machine, as a model of its records has it: its response rises with the frequency up to
+    /// that of its lag. A spring, a servo and a motor have no such port.
+    #[test]
+    fn what_moves_a_damper_is_the_motion_at_its_port() {
+        let lag: f64 = 0.3;
+        // y = 40 (u - x) with x+ = lag x + (1 - lag) u.
+        let damper = |gain: f64, kind: Option<OutputKind>| {
+            let (a, b) = (dmatrix![lag], dmatrix![1.0 - lag]);
+            let mut model = Model::new(1000.0, a, b, dmatrix![-gain], dmatrix![gain]).unwrap();
+            model.output_kinds = vec![kind];
+            Plant::new(&model).unwrap()
+        };
+        for (gain, measured) in [(40.0, -1.0), (-40.0, 1.0)] {
+            let plant = damper(gain, None);
+            assert_eq!(plant.port_source, PortSource::Axis);
+            assert_eq!(plant.ports[0].scale, PortScale::Moved { input: 0, output: 0 });
+            assert_eq!(plant.ports[0].output, [measured]);
+            assert!(plant.ports[0].sees_displacement());
+        }
+        assert!(damper(40.0, Some(OutputKind::Other)).ports.is_empty());
+        // A spring with some damping is one if its output is declared.
+        let spring = |kind: Option<OutputKind>| {
+            let (a, b) = (dmatrix![lag], dmatrix![1.0 - lag]);
+            let mut model = Model::new(1000.0, a, b, dmatrix![-1.0], dmatrix![3.0]).unwrap();
+            model.output_kinds = vec![kind];
+            Plant::new(&model).unwrap().ports.len()
+        };
+        assert_eq!([spring(None), spring(Some(OutputKind::Force))], [0, 1]);
+        assert!(axis(0.7, true).ports[0].moved_by().is_none() && motor().ports[0].moved_by().is_none());
     }
 }

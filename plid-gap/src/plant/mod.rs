@@ -261,10 +261,18 @@ impl Plant {
         let force = DVector::from_column_slice(&port.force);
         let row = |values: &[f64]| DVector::from_column_slice(values);
         let modal_row = |values: &[f64]| right.iter().map(|r| r.dot(&row(values).map(C::from))).collect();
+        let input = port.input.as_ref().and_then(|name| model.inputs.iter().position(|input| input == name));
+        // A port without a motion of the states moves with its input.
+        let stands = [&port.force, &port.displacement, &port.velocity].into_iter().flatten().all(|x| *x == 0.0);
+        let shown = port.output.iter().flatten().position(|x| *x != 0.0);
+        let scale = match (input, shown) {
+            (Some(input), Some(output)) if stands => PortScale::Moved { input, output },
+            _ => PortScale::Own,
+        };
         Port {
             name: port.name.clone(),
-            input: port.input.as_ref().and_then(|name| model.inputs.iter().position(|input| input == name)),
-            scale: PortScale::Own,
+            input,
+            scale,
             force: left.iter().map(|l| l.dot(&force.map(C::from))).collect(),
             displacement: modal_row(&port.displacement),
             velocity: modal_row(&port.velocity),
@@ -512,7 +520,7 @@ fn rest_in_time(
 /// positions and velocities; at each input from the modes, where no output shows the motion of its axis.
 fn inferred(plant: &Plant, model: &Model) -> (Vec<Port>, PortSource) {
     if plant.modes.is_empty() {
-        return (axis::infer(plant, &model.inputs), PortSource::Axis);
+        return (axis::infer(plant, &model.inputs, &model.output_kinds), PortSource::Axis);
     }
     match reciprocal::infer(plant, &model.inputs, &model.outputs) {
         Some(ports) => (ports, PortSource::Axis),

@@ -39,6 +39,13 @@ pub enum PortScale {
         /// The output that shows the motion at the port.
         output: usize,
     },
+    /// The motion is an input, as on a testing machine, and the force is an output.
+    Moved {
+        /// The input.
+        input: usize,
+        /// The output.
+        output: usize,
+    },
     /// The force in that of an input, if it is that of one; the motion in none, because the modes leave its scale open.
     Inferred(Option<usize>),
 }

@@ -128,7 +128,7 @@ impl Spectrum {
                 let sensed = (0..plant.sensed[o].order).fold(row, |row, _| a_time.tr_mul(&row));
                 c.row_mut(o).copy_from(&(sensed * outputs[o]).transpose());
             }
-            for port in plant.ports.iter_mut().filter(|port| port.sees_displacement()) {
+            for port in plant.ports.iter_mut().filter(|port| port.sees_displacement() && port.moved_by().is_none()) {
                 let force = DMatrix::from_columns(std::slice::from_ref(&port.force_rest));
                 let Some(factor) = inertia_kept(&port.displacement_rest, &before, &a_time, &force) else { continue };
                 port.displacement_rest *= factor;

@@ -18,14 +18,14 @@ use crate::fit::refit::Refit;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch};
-use crate::plant::{CasePort, Mode, Plant};
+use crate::plant::{CasePort, Mode, Plant, PortScale};
 use crate::prepare::coloured::{Coloured, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
 use crate::settings::step::Step;
 use crate::settings::{GapSettings, PrepareSettings, SignalSettings};
 use crate::signal::quantisation::{self, Quantisation};
 use crate::signal::{notch, peaks, tones};
-use crate::simulate::{Fineness, simulate};
+use crate::simulate::{Fineness, simulate, slope};
 use plid_fourier::C;
 use plid_model::Model;
 
@@ -544,7 +544,11 @@ pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
     setting.d_range.resize(plant.ports.len(), None);
     (setting.d_rms, setting.v_rms) = motion.chunks_exact(2).map(|both| (rms(&both[0]), rms(&both[1]))).unzip();
     setting.stiffness = plant.ports.iter().map(|port| plant.stiffness(port)).collect();
-    setting.force = (0..plant.ports.len()).map(|k| force_size(plant, k, &setting.u_rms)).collect();
+    let force = |k: usize| match plant.ports[k].scale {
+        PortScale::Moved { output, .. } => setting.y_rms[output],
+        _ => force_size(plant, k, &setting.u_rms),
+    };
+    setting.force = (0..plant.ports.len()).map(force).collect();
 }
 
 /// Relative difference below which an output's row is that of a port's displacement.
@@ -589,7 +593,12 @@ pub(crate) fn port_motion(plant: &Plant, u: &[Vec<f64>]) -> Channels {
     });
     probe.d = nalgebra::DMatrix::zeros(2 * ports, plant.m);
     probe.sensed = vec![plant.sensed[0]; 2 * ports];
-    simulate(&probe, &[], u, 0.0, None, Fineness::COARSE)
+    let moved: Vec<(usize, usize)> =
+        plant.ports.iter().enumerate().filter_map(|(k, port)| Some((k, port.moved_by()?))).collect();
+    moved.iter().for_each(|&(k, input)| probe.d[(2 * k, input)] = 1.0);
+    let mut motion = simulate(&probe, &[], u, 0.0, None, Fineness::COARSE);
+    moved.iter().for_each(|&(k, _)| motion[2 * k + 1] = slope(&motion[2 * k], plant.rate));
+    motion
 }
 
 /// Returns the force at a port that moves the modes as much as the mean input does.

@@ -34,6 +34,10 @@ group! {
         /// Largest phase of a mode's residue between a force and the displacement where it acts, which is a positive
         /// number in a structure without damping. A sensor elsewhere sees some mode with the opposite sign.
         collocated_phase: f64 = 0.35, "rad", 0.0..=1.5;
+        /// Least ratio of the response to a fast input (a quarter of the sample rate) to that to a slow one (a
+        /// thousandth of it) for the input to be taken for a motion and the output for the force that it takes, where
+        /// neither is declared. A spring with friction has a ratio near one, and a damper a much larger one.
+        force_rise: f64 = 5.0, "1", 1.0..=1e6;
         /// Displacement that a force may cause at once, times the lowest mode's frequency, over the velocity that it
         /// causes. It is zero in an exact simulation and small after the time steps of a simulator. A model that was
         /// identified from records may have much more.

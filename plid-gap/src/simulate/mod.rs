@@ -10,7 +10,7 @@ mod runner;
 
 use crate::case::record::Channels;
 use crate::effects::{Action, Drive, Force};
-use crate::plant::Plant;
+use crate::plant::{Plant, Port};
 use crate::simulate::runner::{Runner, advance};
 use plid_fourier::C;
 
@@ -77,10 +77,10 @@ pub fn simulate(
             command.apply(&mut drive);
         }
     }
-    let forces: Vec<(usize, &dyn Force)> = actions
+    let (moved, forces): (Vec<_>, Vec<_>) = actions
         .iter()
         .filter_map(|action| if let Action::Force(port, law) = action { Some((*port, law.as_ref())) } else { None })
-        .collect();
+        .partition(|&(port, _): &(usize, &dyn Force)| plant.ports[port].moved_by().is_some());
     let parts = forces.iter().map(|&(port, law)| parts_of(plant, port, law)).fold(fineness.force, usize::max);
     let mut parts_a_value = if forces.is_empty() { 1 } else { (parts / drive.parts).max(1) };
     let most = most_in_a_block(plant);
@@ -113,12 +113,38 @@ pub fn simulate(
         (0..samples.div_ceil(fineness.drift)).map(|k| factor(middle(k))).collect()
     };
     advance(&mut runner, plant, &drive, &disturbances, &factors, fineness.drift, &mut y);
+    moved.iter().for_each(|&(port, law)| on_a_given_motion(&plant.ports[port], law, &drive, &mut y));
     for action in actions {
         if let Action::Sensor(sensor) = action {
             sensor.apply(&mut y, t0, plant.rate);
         }
     }
     y
+}
+
+/// Adds the force on a motion that is an input to the outputs that show it. The velocity is that of a parabola through
+/// three samples.
+fn on_a_given_motion(port: &Port, law: &dyn Force, drive: &Drive, y: &mut Channels) {
+    let Some(input) = port.moved_by() else { return };
+    let d: Vec<f64> = drive.u[input].iter().step_by(drive.parts).copied().collect();
+    let v = slope(&d, drive.rate);
+    let (mut state, mut before) = (0.0, d.first().copied().unwrap_or(0.0));
+    for (k, (&d, &v)) in d.iter().zip(&v).enumerate() {
+        state = law.advance(before, d, state);
+        before = d;
+        let force = law.force(d, v, state);
+        y.iter_mut().zip(&port.output).for_each(|(y, share)| y[k] += share * force);
+    }
+}
+
+/// Returns the derivative of a signal at its samples, by central differences.
+pub fn slope(x: &[f64], rate: f64) -> Vec<f64> {
+    let last = x.len().saturating_sub(1);
+    let at = |k: usize| {
+        let (from, to) = (k.saturating_sub(1), (k + 1).min(last));
+        if from == to { 0.0 } else { (x[to] - x[from]) * rate / (to - from) as f64 }
+    };
+    (0..x.len()).map(at).collect()
 }
 
 /// Largest turn in a part of a sample of what a stiff law does to a port, in rad.
@@ -257,5 +283,35 @@ mod tests {
             .map(|j| difference(&respond(&inferred, k * 10_f64.powf(f64::from(j) / 50.0 - 4.0)), &expected))
             .fold(f64::INFINITY, f64::min);
         assert!(best < 0.05, "{best}");
+    }
+
+    /// A force on a motion that is an input is its law at that motion, beside the linear response.
+    #[test]
+    fn a_force_on_a_given_motion_is_its_law() {
+        use crate::effects::{CoulombFriction, CubicStiffness, JointHysteresis, Place};
+        use nalgebra::dmatrix;
+        let model = plid_model::Model::new(500.0, dmatrix![0.2], dmatrix![0.8], dmatrix![-7.0], dmatrix![7.0]).unwrap();
+        let plant = Plant::new(&model).unwrap();
+        let setting = crate::effects::Setting::bare(&plant, &model);
+        let (amplitude, w) = (0.02, 4.0);
+        let at = |k: usize| k as f64 / 500.0;
+        let u = vec![(0..1500).map(|k| amplitude * (w * at(k)).sin()).collect::<Vec<f64>>()];
+        let added = |effect: &dyn Effect, parameters: &[f64]| -> Vec<f64> {
+            let actions = effect.act(&setting, &Place::Input(0), parameters);
+            let run = |actions: &[Action]| simulate(&plant, actions, &u, 0.0, None, Fineness::FINE).remove(0);
+            run(&actions).iter().zip(run(&[])).map(|(with, without)| with - without).collect()
+        };
+        let cubic = added(&CubicStiffness, &[3e4]);
+        assert!(cubic.iter().zip(&u[0]).all(|(f, d)| (f - 3e4 * d.powi(3)).abs() < 1e-12));
+        // Friction follows the velocity, whose error by central differences is (w h)^2 / 6.
+        let (force, v0) = (5.0, 0.01);
+        let friction = added(&CoulombFriction, &[force, v0]);
+        let velocity = |k: usize| amplitude * w * (w * at(k)).cos();
+        let far = (1..1499).map(|k| (friction[k] - force * (velocity(k) / v0).tanh()).abs()).fold(0.0, f64::max);
+        assert!(far < 1e-3, "{far}");
+        // A joint that has yielded has the force k dy in the direction of the motion.
+        let joint = added(&JointHysteresis, &[1e3, 1e-3]);
+        let quarter = (0.5 * std::f64::consts::PI / w * 500.0) as usize;
+        assert!((joint[3 * quarter - 5] + 1.0).abs() < 1e-6 && (joint[5 * quarter - 5] - 1.0).abs() < 1e-6);
     }
 }

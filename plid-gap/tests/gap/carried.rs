@@ -65,6 +65,13 @@ impl Bench {
         setting.u_slope = setting.u_rms.iter().map(|u| u * model.sample_rate_hz).collect();
         setting.y_rms = linear.iter().map(|y| rms(y)).collect();
         setting.y_max = linear.iter().map(|y| y.iter().fold(0.0, |most: f64, y| most.max(y.abs()))).collect();
+        for (k, port) in plant.ports.iter().enumerate() {
+            let Some(input) = port.moved_by() else { continue };
+            setting.d_rms[k] = setting.u_rms[input];
+            let steps: Vec<f64> = rig.u[input].windows(3).map(|u| 0.5 * (u[2] - u[0])).collect();
+            setting.v_rms[k] = rms(&steps) * model.sample_rate_hz;
+            setting.force[k] = setting.y_rms[1];
+        }
         setting.duration_s = DURATION_S;
         setting.tones = vec![Tone { hz: 133.0, prominence: 100.0 }];
         setting.missing = vec![MissingModeStart { hz: 186.0, damping: 0.01, b: vec![0.7, -0.4], c: vec![0.6, 0.8] }];
@@ -216,6 +223,8 @@ struct Benches {
     inferred: Bench,
     /// A simulation without a continuous form.
     discrete: Bench,
+    /// A truss with a device beside it that the second input moves, and whose force is in the second output.
+    tested: Bench,
 }
 
 impl Benches {
@@ -243,12 +252,20 @@ impl Benches {
             open: bench(Rig::with(12, |truss| truss.filter_hz = None), &|model| model),
             inferred: bench(Rig::new(13), &without_ports),
             discrete: bench(Rig::new(14), &delayed),
+            tested: bench(Rig::new(15), &|mut model: Model| {
+                let port = &mut model.ports[1];
+                port.force.fill(0.0);
+                port.displacement.fill(0.0);
+                port.velocity.fill(0.0);
+                port.output = Some(vec![0.0, -1.0]);
+                model
+            }),
         }
     }
 
     /// Every effect at a location of each kind at which it may act, and its free shape there; then several together.
     fn cases<'a>(&'a self, library: &'a Library) -> Vec<Case<'a>> {
-        let Self { declared, open, inferred, discrete } = self;
+        let Self { declared, open, inferred, discrete, tested } = self;
         let get = |name: &str| library.get(name).unwrap();
         let free = |name: &str| Flexible::named(name).unwrap() as &dyn Effect;
         let mut cases: Vec<Case> = Vec::new();
@@ -282,6 +299,10 @@ impl Benches {
         cases.push((declared, vec![(get("narrowband-disturbance"), Place::Frequency(133.0, port))]));
         cases.push((declared, vec![(get("missing-mode"), Place::MissingMode(186.0)), joint()]));
         cases.push((open, vec![(free("free-stiffness-course"), Place::Structure), joint()]));
+        let laws =
+            ["cubic-stiffness", "clearance", "coulomb-friction", "quadratic-damping", "joint-hysteresis"].map(get);
+        let shapes = ["free-stiffness", "free-damping", "free-joint"].map(free);
+        cases.extend(laws.into_iter().chain(shapes).map(|law| (tested, vec![(law, Place::Input(1))])));
         let many = vec![
             (get("actuator-lag"), Place::Input(0)),
             (free("free-command-path"), Place::AllInputs),
