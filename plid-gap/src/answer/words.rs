@@ -34,6 +34,12 @@ pub(crate) fn words(
     let problem = &explained.ready.problem;
     words.extend(evidence.words(&problem.plant, !explained.fit().effects.is_empty(), &problem.settings));
     words.extend(explained.found.best.effects.iter().flat_map(|placed| of_effect(explained, placed)));
+    words.extend(explained.ready.not_of_time.iter().map(|effect| {
+        format!(
+            "{effect} was left out: a change that is constant within each record explains them better, so it does not \
+            follow the time."
+        )
+    }));
     words.extend(smaller(explained, named));
     words.extend(nearest_other(explained));
     words.extend(class.map(|(first, others)| {

@@ -12,6 +12,7 @@ use crate::judge::gap;
 use crate::judge::verdict::{Adequacy, FitFigures, adequacy, least_unknown, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
+use crate::search::course::not_of_time;
 use crate::search::modal::dominant;
 use crate::search::rules::{Rules, Scope};
 use crate::search::shape::{FreeShapeFit, fewer, free_shape, renamed};
@@ -84,16 +85,30 @@ fn passes<'a>(
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let mut pass = Pass::First;
+    // What was prepared before the residual of an explanation was taken for an error of the simulation.
+    let mut exact: Option<Prepared> = None;
     loop {
+        let exclude: Vec<String> = scope.rules.exclude.iter().chain(&ready.not_of_time).cloned().collect();
+        let rules = Rules { exclude: &exclude, ..*scope.rules };
+        let scope = &Scope { rules: &rules, ..scope.clone() };
         let first = OnceCell::new();
         let stage = if pass == Pass::First { stage } else { &first };
         let mut searched = Searched::new(&mut ready, &refitted, scope, stage, say);
         match searched.renew(&mut ready, &mut refitted, scope, pass) {
             Some(renewed) => say(renewed),
+            None if searched.refutes_time(&mut ready, &refitted, say) => {
+                // The error was that of an explanation which is refuted.
+                let not_of_time = std::mem::take(&mut ready.not_of_time);
+                ready = Prepared { not_of_time, ..exact.take().unwrap_or(ready) };
+            }
             None => {
                 let mut explained = searched.judged(ready, refitted, scope, say);
+                let before = explained.ready.widened.is_none().then(|| explained.ready.clone());
                 match admit_error(&mut explained) {
-                    Some(admitted) => say(admitted),
+                    Some(admitted) => {
+                        say(admitted);
+                        exact = before;
+                    }
                     None => return explained,
                 }
                 ready = explained.ready;
@@ -155,6 +170,14 @@ impl<'a> Searched<'a> {
         }
         let what = lines.or_else(|| may_be.then(|| ready.renew_band(&self.simulated)).flatten())?;
         Some(format!("{what}: repeated without it"))
+    }
+
+    /// Returns whether a change over time turns out to be none. It is left out of further passes.
+    fn refutes_time(&self, ready: &mut Prepared, refitted: &Refit, say: &mut dyn FnMut(String)) -> bool {
+        let Some(found) = not_of_time(&ready.problem, refitted, &self.found.best) else { return false };
+        say(format!("{} does not change within the records: repeated without it", found.words));
+        ready.not_of_time.push(found.effect);
+        true
     }
 
     /// Completes the best explanation with a free shape if it needs one and with its last steps, and computes its

@@ -57,6 +57,8 @@ pub struct Prepared {
     /// If no explanation leaves only noise, the factor by which the simulation's limits are exceeded. The remaining
     /// residual then counts as an error of the simulation in addition to the noise.
     pub widened: Option<f64>,
+    /// Effects that would change with time, but do not within the records.
+    pub not_of_time: Vec<String>,
 }
 
 /// Prior knowledge in addition to model and records.
@@ -131,6 +133,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         coloured: None,
         off: off.clone(),
         widened: None,
+        not_of_time: Vec::new(),
     })
 }
 

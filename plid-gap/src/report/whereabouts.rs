@@ -69,7 +69,7 @@ fn sentence(outcome: &Outcome) -> String {
         String::new()
     } else {
         format!(
-            " Of the residual beyond noise and limits, each place alone could explain, whatever it does: {}.",
+            " Share of the residual beyond noise and limits that each place alone could explain: {}.",
             places.join(", ")
         )
     };

@@ -2,6 +2,7 @@
 //! steps that follow.
 
 pub(crate) mod closest_law;
+pub(crate) mod course;
 pub(crate) mod modal;
 pub(crate) mod overlap;
 pub(crate) mod ports;
