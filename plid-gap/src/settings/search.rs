@@ -86,8 +86,8 @@ group! {
         /// Probability of something else from which a search continues: with the remainder as an error of the
         /// simulation itself, and with effects on single modes.
         inadequate: f64 = 0.35, "1", 0.0..=1.0;
-        /// Gain by which a change that is constant within each record must beat one that follows the time for the latter
-        /// to be left out: odds of three million to one.
+        /// Gain by which a change that is constant within each record must beat one that follows the time for the
+        /// latter to be left out: odds of three million to one.
         by_record_gain: f64 = 30.0, "2 ln L", 0.0..=1e9;
         /// Share of the excess of the bounded refit that must be left for effects on single modes to be tried. A cause
         /// at another place leaves more than the third digit of a shape.
