@@ -9,12 +9,9 @@ use crate::answer::schema::SimulationWithEffects;
 use crate::case::record::{Channels, rms};
 use crate::effects::{Action, Effect, Flexible, Library, Parameter, Place, Range, Setting};
 use crate::error::GapError;
+use crate::fit::free_run::diverges;
 use crate::plant::Plant;
 use crate::simulate::{Fineness, simulate};
-
-/// Factor by which an output must exceed the peak of the linear simulation, or that of the fitted records if it is
-/// larger, for a run to have diverged. No physical effect does so.
-const OUT_OF_BOUNDS: f64 = 1e3;
 
 /// Longest delay in samples that a file may contain, to bound memory.
 const LONGEST_DELAY: f64 = 1e6;
@@ -115,8 +112,7 @@ impl Predictor {
     fn require_bounded(&self, outputs: &[Vec<f64>], linear: &[Vec<f64>]) -> Result<(), GapError> {
         let fitted = |o: usize| self.fitted.as_ref().map_or(0.0, |fitted| fitted.output_peak[o]);
         let peaks: Vec<f64> = linear.iter().enumerate().map(|(o, y)| peak(y).max(fitted(o))).collect();
-        let is_out = |o: usize, y: f64| !y.is_finite() || (peaks[o] > 0.0 && y.abs() > OUT_OF_BOUNDS * peaks[o]);
-        let first = |(o, y): (usize, &Vec<f64>)| Some((y.iter().position(|&y| is_out(o, y))?, o));
+        let first = |(o, y): (usize, &Vec<f64>)| Some((y.iter().position(|&y| diverges(y, peaks[o]))?, o));
         match outputs.iter().enumerate().filter_map(first).min() {
             None => Ok(()),
             Some((sample, o)) => Err(GapError::Diverged {

@@ -40,7 +40,13 @@ pub(crate) fn words(
             follow the time."
         )
     }));
-    words.extend(smaller(explained, named));
+    let smaller = smaller(explained, named);
+    if !smaller.is_empty() && !named.is_empty() {
+        words.push(format!(
+            "The prediction also contains {}: too small beside what remains to be called a cause.",
+            smaller.join(" and ")
+        ));
+    }
     words.extend(nearest_other(explained));
     words.extend(class.map(|(first, others)| {
         format!(
@@ -62,27 +68,15 @@ pub(crate) fn words(
     words
 }
 
-/// Lists the effects of the best explanation that are not named as causes.
-fn smaller(explained: &Explained, named: &[NamedEffect]) -> Option<String> {
+/// Returns the effects of the best explanation that are in the prediction but not named as causes.
+pub(crate) fn smaller(explained: &Explained, named: &[NamedEffect]) -> Vec<String> {
     let names = &explained.ready.problem.setting.names;
     let is_named = |placed: &Placed| {
         let at = placed.place.location(names);
         named.iter().any(|named| named.effect == placed.effect.name() && named.location == at)
     };
-    let others: Vec<String> = explained
-        .found
-        .best
-        .effects
-        .iter()
-        .filter(|placed| !is_named(placed))
-        .map(|placed| in_words(std::slice::from_ref(placed), names))
-        .collect();
-    (!others.is_empty() && !named.is_empty()).then(|| {
-        format!(
-            "The prediction also contains {}: too small beside what remains to be called a cause.",
-            others.join(" and ")
-        )
-    })
+    let others = explained.found.best.effects.iter().filter(|placed| !is_named(placed));
+    others.map(|placed| in_words(std::slice::from_ref(placed), names)).collect()
 }
 
 fn costs(explained: &Explained) -> String {

@@ -103,11 +103,10 @@ fn passes<'a>(
             }
             None => {
                 let mut explained = searched.judged(ready, refitted, scope, say);
-                let before = explained.ready.widened.is_none().then(|| explained.ready.clone());
                 match admit_error(&mut explained) {
-                    Some(admitted) => {
+                    Some((admitted, before)) => {
                         say(admitted);
-                        exact = before;
+                        exact = Some(before);
                     }
                     None => return explained,
                 }
@@ -302,13 +301,14 @@ impl Judging<'_> {
 }
 
 /// Counts the residual as an error of the simulation itself if no explanation leaves only noise. Returns a description
-/// if that is new.
-fn admit_error(explained: &mut Explained) -> Option<String> {
+/// if that is new, and what was prepared before.
+fn admit_error(explained: &mut Explained) -> Option<(String, Prepared)> {
     if explained.ready.widened.is_some()
         || explained.judged.unknown < explained.ready.problem.settings.search.inadequate
     {
         return None;
     }
+    let before = explained.ready.clone();
     let fit = explained.fit().clone();
     let simulated = outputs(&explained.ready.problem, &fit.eta, &fit.effects);
     explained.ready.admit_error(&simulated);
@@ -324,10 +324,11 @@ fn admit_error(explained: &mut Explained) -> Option<String> {
         }
     }
     explained.ready.widen(scale);
-    Some(format!(
+    let said = format!(
         "no explanation leaves only noise: repeated with the residual as an error of the simulation and limits \
         {scale:.2} times as wide"
-    ))
+    );
+    Some((said, before))
 }
 
 /// Returns the amplitude that a fit leaves of the fitted records beyond the noise, over that of the simulation within

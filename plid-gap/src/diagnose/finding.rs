@@ -4,7 +4,7 @@ use crate::answer::schema::{Diagnosis, Explanation, Located, NamedEffect, Simula
 use crate::answer::sentence::{Said, remains, sentence};
 use crate::answer::simulation::written;
 use crate::answer::whole_delay::WholeDelay;
-use crate::answer::words::words;
+use crate::answer::words::{smaller, words};
 use crate::answer::{classes, comparisons, named, others, place, remainder};
 use crate::audit::Audit;
 use crate::case::record::Record;
@@ -175,7 +175,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             effects,
             observed: &observed,
             nearest: &nearest,
-            smaller: (best.len() + self.judged.shown.len()).saturating_sub(effects.len()),
+            smaller: smaller(self.explained, effects).len(),
             gap: gaps,
             material: self.audit.case.config.material,
             seen: level.seen,

@@ -8,6 +8,16 @@ use crate::fit::problem::{Placed, Problem, sum_of_squares};
 use crate::plant::Plant;
 use crate::simulate::{Fineness, State, simulate};
 
+/// Factor by which an output must exceed its peak in the linear simulation, or in the records if that is larger, for a
+/// run to have diverged. No physical effect does so.
+const OUT_OF_BOUNDS: f64 = 1e3;
+
+/// Returns whether a value of an output belongs to a run that diverges. `peak` is the largest magnitude of this output
+/// in the linear simulation and in the records; a zero gives no bound.
+pub(crate) fn diverges(y: f64, peak: f64) -> bool {
+    !y.is_finite() || peak > 0.0 && y.abs() > OUT_OF_BOUNDS * peak
+}
+
 /// Returns the free runs of all fitted records.
 pub(crate) fn outputs(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> {
     let plant = problem.nuisance.apply(&problem.plant, eta);

@@ -4,16 +4,13 @@ use nalgebra::DMatrix;
 
 use crate::case::Limits;
 use crate::case::record::{Record, rms};
+use crate::fit::free_run::diverges;
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Fit, Problem, sum_of_squares};
 use crate::judge::experiments::Experiment;
 use crate::noise::NoiseModel;
 use crate::noise::whiten::Whitener;
 use crate::simulate::{Fineness, simulate};
-
-/// Factor by which an output must exceed its peak in the linear simulation and in the records for a run to have
-/// diverged. No physical effect does so; a prediction stops at the same factor.
-const OUT_OF_BOUNDS: f64 = 1e3;
 
 /// What an experiment is expected to tell between the best explanation and a rival.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,8 +24,8 @@ pub(super) enum Separation {
 /// An experiment as the best explanation predicts it.
 pub(super) struct Imagined {
     pub problem: Problem,
-    /// Largest magnitude of each output that counts as bounded.
-    bounds: Vec<f64>,
+    /// Largest magnitude of each output in the linear simulation and in the records.
+    peaks: Vec<f64>,
 }
 
 /// Returns what would be measured in an experiment if the best explanation were true; `None` if its free run diverges.
@@ -53,9 +50,9 @@ pub(super) fn imagined(problem: &Problem, noise: &NoiseModel, best: &Fit, experi
     let run = |actions: &[_]| simulate(&plant, actions, &record.u, record.start_s, None, Fineness::COARSE);
     let measured = |o: usize| problem.records.iter().filter_map(|r| r.y.get(o)).map(|y| peak(y)).fold(0.0, f64::max);
     let linear = run(&[]);
-    let bounds: Vec<f64> = (0..given.p).map(|o| OUT_OF_BOUNDS * measured(o).max(peak(&linear[o]))).collect();
+    let peaks: Vec<f64> = (0..given.p).map(|o| measured(o).max(peak(&linear[o]))).collect();
     let y = run(&problem.actions(&best.effects));
-    if !bounded(&y, &bounds) {
+    if !bounded(&y, &peaks) {
         return None;
     }
     let noise = match experiment.sensor {
@@ -67,7 +64,7 @@ pub(super) fn imagined(problem: &Problem, noise: &NoiseModel, best: &Fit, experi
     let (setting, settings) = (problem.setting.clone(), problem.settings.clone());
     let records = vec![record];
     let made = Problem { plant: given, records, whiteners: vec![whitener], nuisance, setting, settings, strong: false };
-    Some(Imagined { problem: made, bounds })
+    Some(Imagined { problem: made, peaks })
 }
 
 /// Returns the variance of a new sensor. It is taken to be as good as the others: its noise has the median of their
@@ -86,10 +83,8 @@ fn peak(y: &[f64]) -> f64 {
     y.iter().fold(0.0, |most: f64, y| if y.is_finite() { most.max(y.abs()) } else { most })
 }
 
-fn bounded(y: &[Vec<f64>], bounds: &[f64]) -> bool {
-    let within =
-        |(y, bound): (&Vec<f64>, &f64)| y.iter().all(|y| y.is_finite() && (*bound == 0.0 || y.abs() <= *bound));
-    y.iter().zip(bounds).all(within)
+fn bounded(y: &[Vec<f64>], peaks: &[f64]) -> bool {
+    y.iter().zip(peaks).all(|(y, &peak)| !y.iter().any(|&y| diverges(y, peak)))
 }
 
 /// Returns linear parameters for a plant that may have one output more, whose shapes are as given.
@@ -128,7 +123,7 @@ impl Imagined {
         let rival = Fit { eta, ..rival.clone() };
         let plant = problem.nuisance.apply(&problem.plant, &rival.eta);
         let y = problem.outputs(&plant, &rival.eta, &problem.actions(&rival.effects), 0, Fineness::COARSE);
-        if !bounded(&y, &self.bounds) {
+        if !bounded(&y, &self.peaks) {
             return Separation::Diverges;
         }
         let mut residual = vec![0.0; problem.rows()];

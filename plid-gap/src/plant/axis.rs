@@ -1,4 +1,4 @@
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use plid_model::OutputKind;
 
 use super::{CasePort, KindSource, Plant, Port, PortScale};
@@ -33,7 +33,7 @@ fn moved(plant: &Plant, input: usize, name: &str, kinds: &[Option<OutputKind>]) 
         Some(OutputKind::Force) => at_once(*o) > 0.0,
         Some(_) => false,
         None => {
-            let [slow, fast] = SLOW_AND_FAST.map(|share| gain(plant, *o, input, share));
+            let [slow, fast] = SLOW_AND_FAST.map(|share| plant.response(share * plant.rate)[(*o, input)].norm());
             at_once(*o) > 0.5 * fast && fast > plant.settings.force_rise * slow
         }
     };
@@ -53,16 +53,6 @@ fn moved(plant: &Plant, input: usize, name: &str, kinds: &[Option<OutputKind>]) 
         velocity_rest: none,
         output: (0..plant.p).map(|o| if o == output { measured } else { 0.0 }).collect(),
     })
-}
-
-/// Returns the magnitude of the response of a plant without modes at a share of the sample rate.
-fn gain(plant: &Plant, output: usize, input: usize, share: f64) -> f64 {
-    let rest = &plant.rest;
-    let n = rest.a.nrows();
-    let z = C::from_polar(1.0, std::f64::consts::TAU * share);
-    let shifted = DMatrix::from_diagonal_element(n, n, z) - rest.a.map(C::from);
-    let Some(x) = shifted.lu().solve(&rest.b.column(input).map(C::from)) else { return f64::NAN };
-    ((rest.c.row(output).map(C::from) * x)[0] + plant.d[(output, input)]).norm()
 }
 
 /// The output that shows the motion of an input's axis, if any does.
