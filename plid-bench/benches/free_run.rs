@@ -9,7 +9,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use plid_bench::speed::Cores;
 use plid_gap::case::{Case, columns};
 use plid_gap::effects::{Action, Force};
-use plid_gap::research::{Fineness, Plant, simulate};
+use plid_gap::research::{Fineness, Plant, Run, before_sensors, simulate};
 use plid_testbed::gap::{GapSpec, draw};
 
 const SAMPLES: usize = 2000;
@@ -48,6 +48,12 @@ fn free_run(criterion: &mut Criterion) {
     for (name, forces, fineness) in runs {
         let actions: Vec<Action> = (0..forces).map(|port| Action::Force(port, Box::new(Cubic))).collect();
         group.bench_function(name, |bench| bench.iter(|| simulate(&plant, &actions, &u, 0.0, None, fineness)));
+    }
+    let cubic: [Action; 1] = [Action::Force(0, Box::new(Cubic))];
+    for (name, actions) in [("four linear", &cubic[..0]), ("four with a force, fine", &cubic)] {
+        let run = Run { actions, u: &u, t0: 0.0, start: None };
+        group.throughput(Throughput::Elements(4 * SAMPLES as u64));
+        group.bench_function(name, |bench| bench.iter(|| before_sensors(&plant, &[run; 4], Fineness::FINE)));
     }
     group.finish();
 }

@@ -5,7 +5,7 @@
 use plid_core::{InitialCovariance, NoiseModel, Settings};
 use serde::{Deserialize, Serialize};
 
-use crate::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
+use crate::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant, VariantError};
 
 /// The conditions on which the choice depends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,6 +76,17 @@ pub struct VariantChoice {
 }
 
 impl VariantChoice {
+    /// As [`Variant::check`], for whatever form is recommended if none was named.
+    ///
+    /// # Errors
+    /// As [`Variant::check`].
+    pub fn check(self, forgetting: f64, parameter_noise: f64) -> Result<(), VariantError> {
+        let (states, steps, start_ratio) = (1, 1, 1.0);
+        let forgets = forgetting < 1.0;
+        let conditions = Conditions { states, scalar: self.scalar, steps, start_ratio, forgets };
+        self.settle(&conditions).check(forgetting, parameter_noise)
+    }
+
     /// The recursion, with a form chosen if none was named.
     pub fn settle(self, conditions: &Conditions) -> Variant {
         Variant {

@@ -84,7 +84,7 @@ pub struct Variant {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum VariantError {
     /// Only plain loops run in double-double.
-    #[error("variant.scalar = \"double-double\" needs variant.backend = \"plain\"; {0} has no such numbers")]
+    #[error("scalar = \"double-double\" needs backend = \"plain\"; {0} has no such numbers")]
     NoDoubleDouble(&'static str),
     /// A combination that does not exist, with a form, expectation or backend that the program has added.
     #[error("there is no {covariance} with {expectations} on {backend} in {scalar}")]
@@ -116,6 +116,22 @@ impl Variant {
             ScalarName::F32 => self.in_scalar::<f32>("f32", form, noise, settings),
             ScalarName::F64 => self.in_scalar::<f64>("f64", form, noise, settings),
             ScalarName::DoubleDouble => self.in_scalar::<qd::Quad>("double-double", form, noise, settings),
+        }
+    }
+
+    /// Checks that the combination exists and offers forgetting and parameter noise, if they are used, by one step of a
+    /// plant with one state. A config is thus refused where it is read.
+    ///
+    /// # Errors
+    /// [`VariantError::Absent`], [`VariantError::NoDoubleDouble`], or [`IdentifierError::Unsupported`].
+    pub fn check(self, forgetting: f64, parameter_noise: f64) -> Result<(), VariantError> {
+        let Ok(form) = ObservableForm::new(&[1], 1) else { return Ok(()) };
+        let settings = Settings { forgetting, parameter_noise, ..Settings::new(&form, 1.0, 1.0) };
+        let step = |mut recursion: Box<dyn Recursion>| Ok(recursion.step(&[0.0], &[0.0], false)?);
+        match self.build(form, &NoiseModel::diagonal(&[1.0], &[1.0], &[1.0]), &settings).and_then(step) {
+            // Any other error is of this plant.
+            Err(VariantError::Identifier(error)) if !matches!(error, IdentifierError::Unsupported(_)) => Ok(()),
+            result => result,
         }
     }
 

@@ -101,6 +101,7 @@ fn what_a_program_adds_is_named_run_counted_and_listed() {
     // Their pair goes by both names once it is added.
     let pair = Variant { backend, ..own };
     let absent = run(pair, |_| ()).unwrap_err();
+    let in_f32 = "there is no own with moment-matched on own-backend in f32";
     assert_eq!(absent.to_string(), "there is no own with moment-matched on own-backend in f64");
     let add = || PairEntry::of::<Own<OwnBackend<f64>>>("own", "own-backend").add();
     add();
@@ -115,6 +116,10 @@ fn what_a_program_adds_is_named_run_counted_and_listed() {
     assert!(matches!(unsupported, VariantError::Identifier(IdentifierError::Unsupported(_))), "{unsupported}");
     let unsupported = run(own, |settings| settings.parameter_noise = 1e-6).unwrap_err();
     assert!(unsupported.to_string().contains("parameter noise"), "{unsupported}");
+    // A config that asks for it is refused where it is read.
+    assert_eq!(own.check(1.0, 1e-6).unwrap_err().to_string(), unsupported.to_string());
+    assert_eq!(pair.check(1.0, 0.0), Ok(()));
+    assert_eq!(Variant { scalar: ScalarName::F32, ..pair }.check(1.0, 0.0).unwrap_err().to_string(), in_f32);
 
     let size = StepSize { n: 12.0, p: 3.0, m: 3.0, full_noise: false };
     assert_eq!(own.flops(&size), Variant { covariance: CovarianceName::Direct, ..own }.flops(&size));

@@ -157,11 +157,8 @@ fn suggestion(message: &str) -> Option<String> {
     let known: Vec<&str> = words.collect();
     let nearest =
         known.iter().max_by(|a, b| strsim::jaro_winkler(wrong, a).total_cmp(&strsim::jaro_winkler(wrong, b)))?;
-    if strsim::jaro_winkler(wrong, nearest) > 0.7 {
-        Some(format!("did you mean `{nearest}`?"))
-    } else {
-        Some(format!("it can be {}", known.join(", ")))
-    }
+    // The message lists the known words itself.
+    (strsim::jaro_winkler(wrong, nearest) > 0.7).then(|| format!("did you mean `{nearest}`?"))
 }
 
 #[cfg(test)]

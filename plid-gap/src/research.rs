@@ -17,7 +17,7 @@ pub use crate::search::rules::Rules;
 pub use crate::search::screen::{Base, screen};
 pub use crate::search::stochastic::stochastic_effects;
 pub use crate::signal::tones::Tone;
-pub use crate::simulate::{Fineness, changed_plant, simulate};
+pub use crate::simulate::{Fineness, Run, before_sensors, changed_plant, simulate};
 
 /// Where the gap lies: by output, band, time and level.
 pub mod locate {

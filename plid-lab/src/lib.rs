@@ -1,14 +1,11 @@
 //! Experiments of plid: configs, runs, merged runs, sweeps.
 pub mod experiment;
 pub mod merge;
-mod predictor;
 #[cfg(test)]
 #[path = "../../plid-data/src/real_file.rs"]
 mod real_file;
 pub mod run;
 pub mod sweep;
-
-pub use predictor::{Predictor, fit_predictor};
 
 pub use plid_data as data;
 pub use plid_data::prepare;

@@ -5,7 +5,8 @@
 //! - [`exact`] identifies the system itself from noise-free records;
 //! - [`refine`] computes the output-error estimate from a starting model, stable by construction, with its covariance;
 //! - [`best_of`] selects among several starting models on reserved training data;
-//! - [`slowest_radius`] limits the slowest pole.
+//! - [`slowest_radius`] limits the slowest pole;
+//! - [`fit_predictor`] fits the gain of the one-step predictor.
 //!
 //! Records are samples x channels in their own units; a NaN among the outputs is a missing sample. Results are
 //! bit-identical for any number of threads.
@@ -17,6 +18,7 @@ mod gram;
 mod memory;
 mod normal;
 mod point;
+mod predictor;
 mod record;
 mod refine;
 mod sections;
@@ -28,6 +30,7 @@ pub use choose::{Candidate, Choice, Score, best_of, free_run_error, head};
 pub use error::RefineError;
 pub use exact::{Exact, exact};
 pub use memory::{period, slowest_radius};
+pub use predictor::{Predictor, fit_predictor};
 pub use record::{Record, Start};
 pub use refine::{Noise, Options, Refined, Watcher, refine};
 pub use subspace::{Subspace, subspace};

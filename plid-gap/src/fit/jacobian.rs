@@ -196,11 +196,14 @@ impl Problem {
         fineness: Fineness,
     ) -> Columns {
         const STEP: f64 = 1e-3;
-        let mut values = Vec::with_capacity(residual.len() * (scales.len() + 1));
-        for j in 0..scales.len() {
+        let moved = |j: usize| {
             let mut step = vec![0.0; scales.len()];
             step[j] = STEP;
-            let moved = self.residual(plant, eta, &stepped(effects, &step, scales), fineness);
+            self.actions(&stepped(effects, &step, scales))
+        };
+        let moved: Vec<_> = (0..scales.len()).map(moved).collect();
+        let mut values = Vec::with_capacity(residual.len() * (scales.len() + 1));
+        for moved in self.residuals(plant, eta, &moved, fineness) {
             values.extend(residual.iter().zip(&moved).map(|(r, m)| (r - m) / STEP));
         }
         values.extend_from_slice(residual);

@@ -11,7 +11,7 @@ use crate::noise::NoiseModel;
 use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
 use crate::settings::GapSettings;
-use crate::simulate::{Fineness, changed_modes, simulate};
+use crate::simulate::{Fineness, Run, apply_sensors, before_sensors, changed_modes, simulate};
 
 /// An effect at a location with its parameters.
 #[derive(Clone)]
@@ -148,10 +148,38 @@ impl Problem {
 
     /// Returns the whitened residual of a linear model with effects, record after record.
     pub fn residual(&self, plant: &Plant, eta: &[f64], effects: &[Placed], fineness: Fineness) -> Vec<f64> {
-        let actions = self.actions(effects);
+        self.residuals(plant, eta, &[self.actions(effects)], fineness).swap_remove(0)
+    }
+
+    /// Returns the whitened residuals of a linear model, with several sets of actions.
+    pub fn residuals(&self, plant: &Plant, eta: &[f64], sets: &[Vec<Action>], fineness: Fineness) -> Vec<Vec<f64>> {
+        let mut outputs = self.before_sensors(plant, eta, sets, fineness).into_iter();
+        let count = self.records.len();
+        sets.iter().map(|actions| self.residual_from(outputs.by_ref().take(count), actions)).collect()
+    }
+
+    /// Simulates the free runs of all records with each set of actions, before the effects on the sensors.
+    pub fn before_sensors(
+        &self,
+        plant: &Plant,
+        eta: &[f64],
+        sets: &[Vec<Action>],
+        fineness: Fineness,
+    ) -> Vec<Channels> {
+        let starts: Vec<_> = (0..self.records.len()).map(|index| self.nuisance.start(index, eta)).collect();
+        let runs: Vec<Run> = (sets.iter())
+            .flat_map(|actions| self.records.iter().zip(&starts).map(move |(record, start)| (actions, record, start)))
+            .map(|(actions, record, start)| Run { actions, u: &record.u, t0: record.start_s, start: start.as_ref() })
+            .collect();
+        before_sensors(plant, &runs, fineness)
+    }
+
+    /// Returns the whitened residual of the records' free runs, to which the effects on the sensors are applied first.
+    pub fn residual_from(&self, outputs: impl Iterator<Item = Channels>, actions: &[Action]) -> Vec<f64> {
         let mut to = vec![0.0; self.rows()];
-        for index in 0..self.records.len() {
-            to[self.rows_of(index)].copy_from_slice(&self.residual_of(index, plant, eta, &actions, fineness));
+        for (index, (record, mut y)) in self.records.iter().zip(outputs).enumerate() {
+            apply_sensors(actions, &mut y, record.start_s, self.plant.rate);
+            self.whiteners[index].apply(&record.error(&y), &mut to[self.rows_of(index)]);
         }
         to
     }

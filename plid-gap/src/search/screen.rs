@@ -8,7 +8,8 @@
 use nalgebra::{Cholesky, DMatrix, Dyn};
 use rayon::prelude::*;
 
-use crate::effects::{Effect, Library, Place, Range};
+use crate::case::record::Channels;
+use crate::effects::{Action, Effect, Library, Place, Range};
 use crate::fit::problem::{Jacobian, Placed, Problem, dot, sum_of_squares};
 use crate::plant::Plant;
 use crate::simulate::Fineness;
@@ -62,38 +63,56 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
             !skip(&placed)
         })
         .collect();
-    // The residual is that of runs of the same fineness, so their discretisation errors cancel.
-    let now = problem.residual(base.plant, base.eta, base.effects, Fineness::COARSE);
+    let now = Now::new(base);
     // At the end of a refit the pull is zero: an effect may explain the residual, or the change of linear parameters
     // that imitates it.
     let left = factor.solve(&problem.gradient(base.jacobian, base.residual, base.eta));
     let mut entries: Vec<Entry> = pairs
         .par_iter()
         .filter_map(|(effect, place)| {
-            let starts = effect.starts(setting, place);
-            let tried = starts.into_iter().filter_map(|start| {
-                let placed = Placed { effect: *effect, place: place.clone(), parameters: start };
-                let linear = entry(base, &factor, &now, &left, placed.clone(), true);
-                let &Place::Port(port) = place else { return linear };
-                let bold = base.bold && setting.is_on_a_mode(port);
-                let (true, Some((index, neutral))) = (bold, effect.amplitude()) else { return linear };
-                let signs = match effect.parameters(setting)[index].range {
-                    Range::Positive => &[1.0][..],
-                    _ => &[1.0, -1.0],
-                };
-                let bolder = setting.bold_sizes(port).into_iter().flat_map(|by| signs.iter().map(move |s| by * s));
-                let tried = bolder.filter_map(|by| {
-                    let mut placed = placed.clone();
-                    placed.parameters[index] = neutral + by * (placed.parameters[index] - neutral);
-                    entry(base, &factor, &now, &left, placed, false)
-                });
-                tried.chain(linear).max_by(|a, b| a.gain.total_cmp(&b.gain))
-            });
-            tried.max_by(|a, b| a.gain.total_cmp(&b.gain))
+            let tried = shapes(base, *effect, place);
+            let traces = now.added(base, &tried);
+            let entries = tried.into_iter().zip(traces);
+            entries
+                .filter_map(|(tried, trace)| entry(base, &factor, trace, &left, tried))
+                .max_by(|a, b| a.gain.total_cmp(&b.gain))
         })
         .collect();
     entries.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     entries
+}
+
+/// An effect with the parameters of a run.
+struct Tried<'a> {
+    placed: Placed<'a>,
+    /// Whether the trace is scaled to its best size; otherwise the size counts as it is.
+    scaled: bool,
+}
+
+/// Returns what is tried of an effect at a location: each start of its shape, and several sizes of a bold one.
+fn shapes<'a>(base: &Base, effect: &'a dyn Effect, place: &Place) -> Vec<Tried<'a>> {
+    let setting = &base.problem.setting;
+    let bold = match *place {
+        Place::Port(port) if base.bold && setting.is_on_a_mode(port) => effect.amplitude().map(|of| (port, of)),
+        _ => None,
+    };
+    let mut tried = Vec::new();
+    for parameters in effect.starts(setting, place) {
+        let placed = Placed { effect, place: place.clone(), parameters };
+        if let Some((port, (index, neutral))) = bold {
+            let signs = match effect.parameters(setting)[index].range {
+                Range::Positive => &[1.0][..],
+                _ => &[1.0, -1.0],
+            };
+            for by in setting.bold_sizes(port).into_iter().flat_map(|by| signs.iter().map(move |s| by * s)) {
+                let mut placed = placed.clone();
+                placed.parameters[index] = neutral + by * (placed.parameters[index] - neutral);
+                tried.push(Tried { placed, scaled: false });
+            }
+        }
+        tried.push(Tried { placed, scaled: true });
+    }
+    tried
 }
 
 /// The projection r - J (J'J + prior)^{-1} J' r. It enters all products, so only J'r is needed.
@@ -110,16 +129,14 @@ fn projected(base: &Base, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Projected {
     Projected { cross, solved }
 }
 
-/// Returns an entry. `scaled`: with the best size if the trace is proportional to it; otherwise with the size as it is.
+/// Returns an entry from the change of the whitened outputs by what was tried.
 fn entry<'a>(
     base: &Base<'_, 'a>,
     factor: &Cholesky<f64, Dyn>,
-    now: &[f64],
+    trace: Vec<f64>,
     left: &DMatrix<f64>,
-    mut placed: Placed<'a>,
-    scaled: bool,
+    Tried { mut placed, scaled }: Tried<'a>,
 ) -> Option<Entry<'a>> {
-    let trace = added(base, now, &placed);
     let tried = placed.parameters.clone();
     let whole = sum_of_squares(&trace);
     if !(whole.is_finite() && whole > 0.0) {
@@ -159,18 +176,47 @@ fn entry<'a>(
 
 /// Returns the change of the whitened outputs by each entry at its best size, in proportion to its run.
 pub fn traces(base: &Base, entries: &[Entry]) -> Vec<Vec<f64>> {
-    let now = base.problem.residual(base.plant, base.eta, base.effects, Fineness::COARSE);
+    let now = Now::new(base);
     let trace = |entry: &Entry| -> Vec<f64> {
-        let tried = Placed { parameters: entry.tried.clone(), ..entry.placed.clone() };
-        added(base, &now, &tried).into_iter().map(|x| entry.size * x).collect()
+        let placed = Placed { parameters: entry.tried.clone(), ..entry.placed.clone() };
+        let trace = now.added(base, &[Tried { placed, scaled: true }]).swap_remove(0);
+        trace.into_iter().map(|x| entry.size * x).collect()
     };
     entries.par_iter().map(trace).collect()
 }
 
-/// Returns the change of the whitened outputs by an effect; `now` is the residual without it.
-fn added(base: &Base, now: &[f64], placed: &Placed) -> Vec<f64> {
-    let mut effects = base.effects.to_vec();
-    effects.push(placed.clone());
-    let with = base.problem.residual(base.plant, base.eta, &effects, Fineness::COARSE);
-    now.iter().zip(&with).map(|(a, b)| a - b).collect()
+/// The runs from which the screen starts. They are as coarse as those of the entries, so that the errors of the
+/// discretisation cancel.
+struct Now {
+    /// Outputs of all records before the effects on the sensors.
+    before_sensors: Vec<Channels>,
+    /// The whitened residual.
+    residual: Vec<f64>,
+}
+
+impl Now {
+    fn new(base: &Base) -> Self {
+        let actions = vec![base.problem.actions(base.effects)];
+        let before_sensors = base.problem.before_sensors(base.plant, base.eta, &actions, Fineness::COARSE);
+        let residual = base.problem.residual_from(before_sensors.iter().cloned(), &actions[0]);
+        Self { before_sensors, residual }
+    }
+
+    /// Returns the changes of the whitened outputs by further effects. One on the sensors needs no run.
+    fn added(&self, base: &Base, tried: &[Tried]) -> Vec<Vec<f64>> {
+        let problem = base.problem;
+        let of_sensors = |action: &Action| matches!(action, Action::Sensor(_) | Action::Noise);
+        let more = |tried: &Tried| problem.actions(std::slice::from_ref(&tried.placed));
+        let without_run = tried.iter().all(|tried| more(tried).iter().all(of_sensors));
+        let with = |tried| problem.actions(base.effects).into_iter().chain(more(tried)).collect();
+        let sets: Vec<Vec<Action>> = tried.iter().map(with).collect();
+        let residuals = if without_run {
+            let residual = |actions: &Vec<Action>| problem.residual_from(self.before_sensors.iter().cloned(), actions);
+            sets.iter().map(residual).collect()
+        } else {
+            problem.residuals(base.plant, base.eta, &sets, Fineness::COARSE)
+        };
+        let change = |with: Vec<f64>| self.residual.iter().zip(&with).map(|(a, b)| a - b).collect();
+        residuals.into_iter().map(change).collect()
+    }
 }

@@ -30,22 +30,62 @@ pub fn get_mut(lanes: &mut [Quad], k: usize) -> &mut f64 {
     &mut lanes[k / WIDE].0[k % WIDE]
 }
 
-/// to += from * factor.
+/// The same lane of several runs.
+pub type Lane<const R: usize> = [Quad; R];
+
+/// The k-th number of a run.
 #[inline(always)]
-pub fn add(to: &mut [Quad], from: &[Quad], factor: f64) {
+pub fn get_of<const R: usize>(lanes: &[Lane<R>], k: usize, run: usize) -> f64 {
+    lanes[k / WIDE][run].0[k % WIDE]
+}
+
+/// The k-th number of a run.
+#[inline(always)]
+pub fn get_mut_of<const R: usize>(lanes: &mut [Lane<R>], k: usize, run: usize) -> &mut f64 {
+    &mut lanes[k / WIDE][run].0[k % WIDE]
+}
+
+/// The k-th number of all runs.
+#[inline(always)]
+pub fn all<const R: usize>(lanes: &[Lane<R>], k: usize) -> [f64; R] {
+    let lane = &lanes[k / WIDE];
+    std::array::from_fn(|r| lane[r].0[k % WIDE])
+}
+
+/// Sets the k-th number of all runs.
+#[inline(always)]
+pub fn set<const R: usize>(lanes: &mut [Lane<R>], k: usize, to: [f64; R]) {
+    let lane = &mut lanes[k / WIDE];
+    (0..R).for_each(|r| lane[r].0[k % WIDE] = to[r]);
+}
+
+/// to += from * factor, with a factor of each run.
+#[inline(always)]
+pub fn add_each<const R: usize>(to: &mut [Lane<R>], from: &[Quad], factor: [f64; R]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = std::array::from_fn(|r| Quad(std::array::from_fn(|l| to[r].0[l] + from.0[l] * factor[r])));
+    }
+}
+
+/// to += from * factor, in one run.
+#[inline(always)]
+pub fn add<const R: usize>(to: &mut [Lane<R>], from: &[Quad], run: usize, factor: f64) {
     for (to, from) in to.iter_mut().zip(from) {
         // All values are read before any is written, so the compiler need not assume that they overlap.
-        *to = Quad(std::array::from_fn(|l| to.0[l] + from.0[l] * factor));
+        to[run] = Quad(std::array::from_fn(|l| to[run].0[l] + from.0[l] * factor));
     }
 }
 
 /// z = z * turn + more, for complex numbers: four real parts, then the four imaginary parts.
 #[inline(always)]
-pub fn turn(z: &mut [Quad], turn: &[Quad], more: &[Quad]) {
+pub fn turn<const R: usize>(z: &mut [Lane<R>], turn: &[Quad], more: &[Lane<R>]) {
     for ((z, turn), more) in z.chunks_exact_mut(2).zip(turn.chunks_exact(2)).zip(more.chunks_exact(2)) {
-        let ([re, im], [c, s], [x, y]) = ([z[0].0, z[1].0], [turn[0].0, turn[1].0], [more[0].0, more[1].0]);
-        z[0] = Quad(std::array::from_fn(|l| x[l] + (re[l] * c[l] - im[l] * s[l])));
-        z[1] = Quad(std::array::from_fn(|l| y[l] + (im[l] * c[l] + re[l] * s[l])));
+        let [c, s] = [turn[0].0, turn[1].0];
+        for r in 0..R {
+            let ([re, im], [x, y]) = ([z[0][r].0, z[1][r].0], [more[0][r].0, more[1][r].0]);
+            z[0][r] = Quad(std::array::from_fn(|l| x[l] + (re[l] * c[l] - im[l] * s[l])));
+            z[1][r] = Quad(std::array::from_fn(|l| y[l] + (im[l] * c[l] + re[l] * s[l])));
+        }
     }
 }
 
@@ -69,23 +109,25 @@ impl Rows {
         Self { fours, values: values.map(|(i, j)| four(i, j)).collect() }
     }
 
-    /// to += matrix * x.
+    /// to += matrix * x, in each run.
     #[inline(always)]
-    pub fn add_times(&self, x: &[Quad], to: &mut [Quad]) {
+    pub fn add_times<const R: usize>(&self, x: &[Lane<R>], to: &mut [Lane<R>]) {
         for (rows, to) in self.values.chunks_exact(self.fours.max(1)).zip(to) {
             // Two sums, so that an addition need not wait for the last one.
-            let (mut even, mut odd) = (to.0, [0.0; WIDE]);
+            let (mut even, mut odd) = (*to, [Quad::default(); R]);
             for (columns, x) in rows.iter().zip(x) {
-                for l in 0..WIDE {
-                    even[l] += columns[0].0[l] * x.0[0];
-                    odd[l] += columns[1].0[l] * x.0[1];
-                }
-                for l in 0..WIDE {
-                    even[l] += columns[2].0[l] * x.0[2];
-                    odd[l] += columns[3].0[l] * x.0[3];
+                for r in 0..R {
+                    for l in 0..WIDE {
+                        even[r].0[l] += columns[0].0[l] * x[r].0[0];
+                        odd[r].0[l] += columns[1].0[l] * x[r].0[1];
+                    }
+                    for l in 0..WIDE {
+                        even[r].0[l] += columns[2].0[l] * x[r].0[2];
+                        odd[r].0[l] += columns[3].0[l] * x[r].0[3];
+                    }
                 }
             }
-            *to = Quad(std::array::from_fn(|l| even[l] + odd[l]));
+            *to = std::array::from_fn(|r| Quad(std::array::from_fn(|l| even[r].0[l] + odd[r].0[l])));
         }
     }
 }

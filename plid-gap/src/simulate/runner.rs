@@ -2,97 +2,120 @@
 
 use nalgebra::DMatrix;
 
+use crate::case::record::Channels;
 use crate::effects::{Drive, Force};
 use crate::plant::{Carried, Plant};
 use crate::simulate::State;
 use crate::simulate::block::{Block, Maps};
-use crate::simulate::lanes::{self, Quad, Rows};
+use crate::simulate::lanes::{self, Lane, Quad, Rows, WIDE};
 use plid_fourier::C;
 
-/// Runs all samples. The loops over modes are short and gain from wide registers.
+/// What differs between runs in step: the command and the disturbances.
+pub struct Given {
+    /// The command.
+    pub drive: Drive,
+    /// A value of each disturbance for each sample.
+    pub disturbances: Vec<Vec<f64>>,
+}
+
+/// Runs all samples, of several records at once: a force must be known before its part of a sample can end, and meanwhile
+/// the processor works on the other runs. The loops over modes are short and gain from wide registers.
 #[multiversion::multiversion(targets("x86_64+avx2+fma"))]
-pub fn advance(
-    runner: &mut Runner,
+pub fn advance<const R: usize>(
+    runner: &mut Runner<R>,
     plant: &Plant,
-    drive: &Drive,
-    disturbances: &[(usize, Vec<f64>)],
+    given: &[&Given; R],
     factors: &[f64],
     drift: usize,
-    y: &mut [Vec<f64>],
+    y: &mut [Channels; R],
 ) {
-    let samples = y[0].len();
-    let mut held = vec![0.0; plant.m];
+    let samples = y[0][0].len();
+    let parts = given[0].drive.parts;
+    let mut held = vec![[0.0; R]; plant.m];
     for k in 0..samples {
         if !factors.is_empty() && k % drift == 0 {
             runner.stiffen(plant, factors[k / drift]);
         }
-        for value in 0..drive.parts {
-            let at = k * drive.parts + value;
-            let same = value > 0 && held.iter().zip(&drive.u).all(|(h, u)| *h == u[at]);
+        for value in 0..parts {
+            let at = k * parts + value;
+            let mut same = value > 0;
+            for (i, held) in held.iter_mut().enumerate() {
+                let now = std::array::from_fn(|r| given[r].drive.u[i][at]);
+                same = same && *held == now;
+                *held = now;
+            }
             if !same {
-                held.iter_mut().zip(&drive.u).for_each(|(h, u)| *h = u[at]);
                 runner.hold(&held);
             }
             if value == 0 {
-                runner.sample(drive, k);
+                runner.sample(given, k);
                 // The outputs are sampled before the next value of a disturbance acts, which an accelerometer without a
                 // filter would show.
                 runner.output(&held, y, k);
-                for (d, (_, signal)) in disturbances.iter().enumerate() {
-                    runner.push(d, signal[k]);
+                for d in 0..runner.pushes.len() {
+                    runner.push(d, std::array::from_fn(|r| given[r].disturbances[d][k]));
                 }
             }
-            runner.step(value + 1 == drive.parts);
+            runner.step(value + 1 == parts);
         }
     }
 }
 
-/// The plant stepped over blocks, with its state.
-pub struct Runner<'a> {
+/// The plant stepped over blocks, with the states of its runs.
+pub struct Runner<'a, const R: usize> {
     block: Block,
     maps: Maps,
-    late: Option<Late>,
+    late: Option<Late<R>>,
     /// Direct feedthrough of the inputs.
     d: DMatrix<f64>,
     /// Increments of the state, and then of the motion, over a block: by the held input, and with the disturbances.
-    held: Vec<Quad>,
-    added: Vec<Quad>,
-    state: Vec<Quad>,
-    motion: Vec<Quad>,
-    forces: Vec<Quad>,
+    held: Vec<Lane<R>>,
+    added: Vec<Lane<R>>,
+    state: Vec<Lane<R>>,
+    motion: Vec<Lane<R>>,
+    forces: Vec<Lane<R>>,
     /// The next state of the rest, and the outputs.
-    next: Vec<Quad>,
-    shown: Vec<Quad>,
-    ports: Vec<Port<'a>>,
-    pushes: Vec<Push>,
+    next: Vec<Lane<R>>,
+    shown: Vec<Lane<R>>,
+    ports: Vec<Port<'a, R>>,
+    pushes: Vec<Push<R>>,
 }
 
 /// The rest, if its continuous form is not known: it is stepped at the end of a sample with its mean input.
-struct Late {
+struct Late<const R: usize> {
     a: Rows,
     /// For each input, the increment of a unit over a sample.
     b: Vec<Vec<Quad>>,
-    held: Vec<Quad>,
+    held: Vec<Lane<R>>,
     /// Its part in the motion at the end of a block.
     sees: Rows,
 }
 
 /// A port over one part of a sample.
-struct Port<'a> {
-    law: &'a dyn Force,
+struct Port<'a, const R: usize> {
+    /// The law of each run.
+    laws: [&'a dyn Force; R],
+    /// Direct response of the outputs to a unit.
+    output: Vec<f64>,
+    /// In each run.
+    moving: [Moving; R],
+}
+
+/// The motion of a port.
+#[derive(Clone, Copy)]
+struct Moving {
     /// Of the law.
     state: f64,
     /// Displacement and velocity now, and the displacement to which the law's state belongs (that of the predictor).
     d: f64,
     v: f64,
     path: f64,
-    /// Direct response of the outputs to a unit.
-    output: Vec<f64>,
     /// Friction that can hold the port.
     hold: Option<Hold>,
 }
 
 /// Dry friction that holds a port while it stands still.
+#[derive(Clone, Copy)]
 struct Hold {
     /// The largest force.
     most: f64,
@@ -102,59 +125,69 @@ struct Hold {
     force: f64,
 }
 
-/// A disturbance at a port: its value, and the direct response of the outputs to a unit.
-struct Push {
-    value: f64,
+/// A disturbance at a port: its value in each run, and the direct response of the outputs to a unit.
+struct Push<const R: usize> {
+    value: [f64; R],
     output: Vec<f64>,
 }
 
-impl<'a> Runner<'a> {
-    /// A runner at rest, with a given number of values of the command in a sample, each of a given number of parts.
+impl<'a, const R: usize> Runner<'a, R> {
+    /// Runners at rest, with a given number of values of the command in a sample, each of a given number of parts.
+    /// The forces of all runs act at the same ports.
     pub fn new(
         plant: &Plant,
         parts: (usize, usize),
-        forces: &[(usize, &'a dyn Force)],
-        disturbances: &[(usize, Vec<f64>)],
+        forces: [&[(usize, &'a dyn Force)]; R],
+        disturbances: &[usize],
     ) -> Self {
-        let numbers = forces.iter().map(|(number, _)| *number).collect();
-        let block = Block::new(plant, parts, numbers, disturbances.iter().map(|(number, _)| *number).collect());
+        let ports: Vec<usize> = forces[0].iter().map(|(port, _)| *port).collect();
+        let block = Block::new(plant, parts, ports.clone(), disturbances.to_vec());
         let poles: Vec<_> = plant.modes.iter().map(|mode| (mode.pole, Carried::UNMOVED)).collect();
         let output = |number: &usize| plant.ports[*number].output.clone();
-        let all = vec![Quad::default(); block.state_lanes() + block.motion_lanes()];
+        let all = vec![[Quad::default(); R]; block.state_lanes() + block.motion_lanes()];
         let (state, motion) = all.split_at(block.state_lanes());
+        let zeros = |count: usize| vec![[Quad::default(); R]; count.div_ceil(WIDE)];
         Self {
             maps: block.maps(plant, &poles),
-            late: block.late.then(|| Late::new(plant, &block, forces)),
+            late: block.late.then(|| Late::new(plant, &block, &ports)),
             d: plant.d.clone(),
             state: state.to_vec(),
             motion: motion.to_vec(),
             forces: motion.to_vec(),
-            next: lanes::zeros(plant.rest.a.nrows()),
-            shown: lanes::zeros(plant.p),
-            ports: forces.iter().map(|(number, law)| Port::new(*law, output(number))).collect(),
-            pushes: disturbances.iter().map(|(number, _)| Push { value: 0.0, output: output(number) }).collect(),
+            next: zeros(plant.rest.a.nrows()),
+            shown: zeros(plant.p),
+            ports: ports
+                .iter()
+                .enumerate()
+                .map(|(j, port)| Port::new(forces.map(|laws| laws[j].1), output(port)))
+                .collect(),
+            pushes: disturbances.iter().map(|number| Push { value: [0.0; R], output: output(number) }).collect(),
             held: all.clone(),
             added: all,
             block,
         }
     }
 
-    /// Starts from a state.
-    pub fn start(&mut self, state: &State) {
-        self.state = self.block.state(&state.modes, &state.rest);
+    /// Starts a run from a state.
+    pub fn start(&mut self, run: usize, state: &State) {
+        let lanes = self.block.state(&state.modes, &state.rest);
+        self.state.iter_mut().zip(lanes).for_each(|(to, lane)| to[run] = lane);
         self.see();
         for port in &mut self.ports {
-            port.path = port.d;
-            port.hold.iter_mut().for_each(|hold| hold.stuck = port.v == 0.0);
+            let moving = &mut port.moving[run];
+            moving.path = moving.d;
+            moving.hold.iter_mut().for_each(|hold| hold.stuck = moving.v == 0.0);
         }
     }
 
     /// Sets the motion of the ports to that of the state.
     fn see(&mut self) {
-        let mut seen = lanes::zeros(2 * self.ports.len());
+        let mut seen = vec![[Quad::default(); R]; (2 * self.ports.len()).div_ceil(WIDE)];
         self.maps.seen.add_times(&self.state, &mut seen);
         for (j, port) in self.ports.iter_mut().enumerate() {
-            (port.d, port.v) = (lanes::get(&seen, 2 * j), lanes::get(&seen, 2 * j + 1));
+            for (r, moving) in port.moving.iter_mut().enumerate() {
+                (moving.d, moving.v) = (lanes::get_of(&seen, 2 * j, r), lanes::get_of(&seen, 2 * j + 1, r));
+            }
         }
     }
 
@@ -173,10 +206,10 @@ impl<'a> Runner<'a> {
 
     /// Sets a new held input.
     #[inline(always)]
-    fn hold(&mut self, u: &[f64]) {
-        self.held.fill(Quad::default());
-        for (driven, &u) in self.maps.driven.iter().zip(u) {
-            lanes::add(&mut self.held, driven, u);
+    fn hold(&mut self, u: &[[f64; R]]) {
+        self.held.fill([Quad::default(); R]);
+        for (driven, u) in self.maps.driven.iter().zip(u) {
+            lanes::add_each(&mut self.held, driven, *u);
         }
         self.renew();
     }
@@ -186,46 +219,52 @@ impl<'a> Runner<'a> {
         self.added.copy_from_slice(&self.held);
         let driven = &self.maps.driven[self.maps.driven.len() - self.pushes.len()..];
         for (push, driven) in self.pushes.iter().zip(driven) {
-            lanes::add(&mut self.added, driven, push.value);
+            lanes::add_each(&mut self.added, driven, push.value);
         }
     }
 
-    /// Sets a new value of a disturbance.
+    /// Sets new values of a disturbance.
     #[inline(always)]
-    fn push(&mut self, disturbance: usize, value: f64) {
+    fn push(&mut self, disturbance: usize, value: [f64; R]) {
         self.pushes[disturbance].value = value;
         self.renew();
     }
 
     /// Sets the mean input of a sample.
     #[inline(always)]
-    fn sample(&mut self, drive: &Drive, k: usize) {
+    fn sample(&mut self, given: &[&Given; R], k: usize) {
         let Some(late) = &mut self.late else { return };
-        let mean = |u: &Vec<f64>| u[k * drive.parts..(k + 1) * drive.parts].iter().sum::<f64>() / drive.parts as f64;
-        late.held.fill(Quad::default());
-        for (b, u) in late.b.iter().zip(&drive.u) {
-            lanes::add(&mut late.held, b, mean(u));
+        late.held.fill([Quad::default(); R]);
+        for (r, given) in given.iter().enumerate() {
+            let drive = &given.drive;
+            let values = k * drive.parts..(k + 1) * drive.parts;
+            for (b, u) in late.b.iter().zip(&drive.u) {
+                let mean = u[values.clone()].iter().sum::<f64>() / drive.parts as f64;
+                lanes::add(&mut late.held, b, r, mean);
+            }
         }
     }
 
     #[inline(always)]
-    fn output(&mut self, u: &[f64], y: &mut [Vec<f64>], sample: usize) {
-        self.shown.fill(Quad::default());
+    fn output(&mut self, u: &[[f64; R]], y: &mut [Channels; R], sample: usize) {
+        self.shown.fill([Quad::default(); R]);
         self.maps.outputs.add_times(&self.state, &mut self.shown);
-        for (o, channel) in y.iter_mut().enumerate() {
-            let mut sum = lanes::get(&self.shown, o);
-            for (i, u) in u.iter().enumerate() {
-                sum += self.d[(o, i)] * u;
-            }
-            for port in &self.ports {
-                if let Some(gain) = port.output.get(o) {
-                    sum += gain * port.acting();
+        for (r, y) in y.iter_mut().enumerate() {
+            for (o, channel) in y.iter_mut().enumerate() {
+                let mut sum = lanes::get_of(&self.shown, o, r);
+                for (i, u) in u.iter().enumerate() {
+                    sum += self.d[(o, i)] * u[r];
                 }
+                for port in &self.ports {
+                    if let Some(gain) = port.output.get(o) {
+                        sum += gain * port.moving[r].acting(port.laws[r]);
+                    }
+                }
+                for push in &self.pushes {
+                    sum += push.output.get(o).map_or(0.0, |gain| gain * push.value[r]);
+                }
+                channel[sample] = sum;
             }
-            for push in &self.pushes {
-                sum += push.output.get(o).map_or(0.0, |gain| gain * push.value);
-            }
-            channel[sample] = sum;
         }
     }
 
@@ -269,94 +308,102 @@ impl<'a> Runner<'a> {
     /// the law says of the motion at its end.
     #[inline(always)]
     fn part(&mut self, part: usize) {
-        let parts = self.block.parts;
-        for j in 0..self.ports.len() {
-            let force = self.ports[j].acting();
-            *lanes::get_mut(&mut self.forces, self.block.d(j, part)) = force;
-            lanes::add(&mut self.motion, &self.maps.held[j * parts + part], force);
+        let Self { block, maps, motion, forces, ports, .. } = self;
+        for (j, port) in ports.iter().enumerate() {
+            let acting = std::array::from_fn(|r| port.moving[r].acting(port.laws[r]));
+            lanes::set(forces, block.d(j, part), acting);
+            lanes::add_each(motion, &maps.held[j * block.parts + part], acting);
         }
-        for j in 0..self.ports.len() {
-            self.hold_still(j, part);
-            let held = lanes::get(&self.forces, self.block.d(j, part));
-            let (d, v) = self.moved(j, part);
-            let port = &mut self.ports[j];
-            port.state = port.law.advance(port.path, d, port.state);
-            port.path = d;
-            let stuck = port.hold.as_ref().is_some_and(|hold| hold.stuck);
-            let change = if stuck { 0.0 } else { port.law.force(d, v, port.state) - held };
-            *lanes::get_mut(&mut self.forces, self.block.v(j, part)) = change;
+        for (j, port) in ports.iter_mut().enumerate() {
+            let (at_d, at_v) = (block.d(j, part), block.v(j, part));
+            port.hold_still(motion, forces, &maps.held[j * block.parts + part], [at_d, at_v]);
+            let (d, v, held) = (lanes::all(motion, at_d), lanes::all(motion, at_v), lanes::all(forces, at_d));
+            let change = std::array::from_fn(|r| {
+                let (law, moving) = (port.laws[r], &mut port.moving[r]);
+                moving.state = law.advance(moving.path, d[r], moving.state);
+                moving.path = d[r];
+                let stuck = moving.hold.as_ref().is_some_and(|hold| hold.stuck);
+                if stuck { 0.0 } else { law.force(d[r], v[r], moving.state) - held[r] }
+            });
+            lanes::set(forces, at_v, change);
         }
-        for j in 0..self.ports.len() {
-            let change = lanes::get(&self.forces, self.block.v(j, part));
-            lanes::add(&mut self.motion, &self.maps.ramp[j * parts + part], change);
+        for j in 0..ports.len() {
+            let change = lanes::all(forces, block.v(j, part));
+            lanes::add_each(motion, &maps.ramp[j * block.parts + part], change);
         }
-        for j in 0..self.ports.len() {
-            let (d, v) = self.moved(j, part);
-            (self.ports[j].d, self.ports[j].v) = (d, v);
-        }
-    }
-
-    /// Displacement and velocity at a port after a part.
-    #[inline(always)]
-    fn moved(&self, j: usize, part: usize) -> (f64, f64) {
-        (lanes::get(&self.motion, self.block.d(j, part)), lanes::get(&self.motion, self.block.v(j, part)))
-    }
-
-    /// Friction that holds a port, or on whose way the velocity passes zero, becomes the force that brings the port to
-    /// rest at the end of a part, as far as it can. (This is the time stepping of Moreau for unilateral constraints: J.
-    /// J. Moreau, in Nonsmooth Mechanics and Applications, 1988.)
-    #[inline(always)]
-    fn hold_still(&mut self, j: usize, part: usize) {
-        let (at_d, at_v) = (self.block.d(j, part), self.block.v(j, part));
-        let (v, held) = (lanes::get(&self.motion, at_v), lanes::get(&self.forces, at_d));
-        let by_held = &self.maps.held[j * self.block.parts + part];
-        let port = &mut self.ports[j];
-        let Some(hold) = &mut port.hold else { return };
-        hold.stuck = hold.stuck || port.v * v <= 0.0;
-        if !hold.stuck {
-            return;
-        }
-        let wanted = held - v / lanes::get(by_held, at_v);
-        hold.force = wanted.clamp(-hold.most, hold.most);
-        hold.stuck = hold.force == wanted;
-        *lanes::get_mut(&mut self.forces, at_d) = hold.force;
-        lanes::add(&mut self.motion, by_held, hold.force - held);
-        if hold.stuck {
-            *lanes::get_mut(&mut self.motion, at_v) = 0.0;
+        for (j, port) in ports.iter_mut().enumerate() {
+            let (d, v) = (lanes::all(motion, block.d(j, part)), lanes::all(motion, block.v(j, part)));
+            for (moving, (d, v)) in port.moving.iter_mut().zip(d.into_iter().zip(v)) {
+                (moving.d, moving.v) = (d, v);
+            }
         }
     }
 }
 
-impl Late {
-    fn new(plant: &Plant, block: &Block, forces: &[(usize, &dyn Force)]) -> Self {
+impl<const R: usize> Port<'_, R> {
+    /// Friction that holds a port, or on whose way the velocity passes zero, becomes the force that brings the port to
+    /// rest at the end of a part, as far as it can. `by_held` is the motion by a unit held over the part. (This is the
+    /// time stepping of Moreau for unilateral constraints: J. J. Moreau, in Nonsmooth Mechanics and Applications, 1988.)
+    #[inline(always)]
+    fn hold_still(
+        &mut self,
+        motion: &mut [Lane<R>],
+        forces: &mut [Lane<R>],
+        by_held: &[Quad],
+        [at_d, at_v]: [usize; 2],
+    ) {
+        for (r, moving) in self.moving.iter_mut().enumerate() {
+            let Some(hold) = &mut moving.hold else { continue };
+            let (v, held) = (lanes::get_of(motion, at_v, r), lanes::get_of(forces, at_d, r));
+            hold.stuck = hold.stuck || moving.v * v <= 0.0;
+            if !hold.stuck {
+                continue;
+            }
+            let wanted = held - v / lanes::get(by_held, at_v);
+            hold.force = wanted.clamp(-hold.most, hold.most);
+            hold.stuck = hold.force == wanted;
+            *lanes::get_mut_of(forces, at_d, r) = hold.force;
+            lanes::add(motion, by_held, r, hold.force - held);
+            if hold.stuck {
+                *lanes::get_mut_of(motion, at_v, r) = 0.0;
+            }
+        }
+    }
+}
+
+impl<const R: usize> Late<R> {
+    fn new(plant: &Plant, block: &Block, ports: &[usize]) -> Self {
         let rest = &plant.rest;
         let r = rest.a.nrows();
-        let mut rows = vec![None; lanes::WIDE * block.motion_lanes()];
-        for (j, (number, _)) in forces.iter().enumerate() {
+        let mut rows = vec![None; WIDE * block.motion_lanes()];
+        for (j, number) in ports.iter().enumerate() {
             rows[block.d(j, block.parts - 1)] = Some(&plant.ports[*number].displacement_rest);
             rows[block.v(j, block.parts - 1)] = Some(&plant.ports[*number].velocity_rest);
         }
         Self {
             a: Rows::new(r, r, |i, j| rest.a[(i, j)]),
             b: rest.b.column_iter().map(|column| lanes::of(column.into_owned().as_slice())).collect(),
-            held: lanes::zeros(r),
+            held: vec![[Quad::default(); R]; r.div_ceil(WIDE)],
             sees: Rows::new(rows.len(), r, |i, j| rows[i].map_or(0.0, |row| row[j])),
         }
     }
 }
 
-impl<'a> Port<'a> {
-    fn new(law: &'a dyn Force, output: Vec<f64>) -> Self {
-        let hold = law.holds().map(|most| Hold { most, stuck: true, force: 0.0 });
-        Self { law, state: 0.0, d: 0.0, v: 0.0, path: 0.0, output, hold }
+impl<'a, const R: usize> Port<'a, R> {
+    fn new(laws: [&'a dyn Force; R], output: Vec<f64>) -> Self {
+        let hold = |law: &dyn Force| law.holds().map(|most| Hold { most, stuck: true, force: 0.0 });
+        let moving = laws.map(|law| Moving { state: 0.0, d: 0.0, v: 0.0, path: 0.0, hold: hold(law) });
+        Self { laws, output, moving }
     }
+}
 
+impl Moving {
     /// Returns the force that acts now.
     #[inline(always)]
-    fn acting(&self) -> f64 {
+    fn acting(&self, law: &dyn Force) -> f64 {
         match &self.hold {
             Some(hold) if hold.stuck => hold.force,
-            _ => self.law.force(self.d, self.v, self.state),
+            _ => law.force(self.d, self.v, self.state),
         }
     }
 }

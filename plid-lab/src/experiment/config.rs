@@ -394,6 +394,10 @@ impl Experiment {
                 problems.push(("indices", format!("they add up to {sum}, but `states` is {states}")));
             }
         }
+        let IdentificationConfig { forgetting, parameter_noise, .. } = self.identification;
+        if let Err(error) = self.variant.check(forgetting, parameter_noise) {
+            problems.push(("variant", error.to_string()));
+        }
         self.problems_of_noise(&mut problems);
         match structure.kind {
             StructureKind::SimoMerge => self.problems_of_a_merge(is_open, &mut problems),

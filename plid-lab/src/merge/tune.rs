@@ -17,10 +17,10 @@ use super::MergeError;
 use super::carry_out::of_run;
 use super::merged::{Piece, join};
 use crate::experiment::{Covariance, Experiment, NoiseConfig, NoiseReading, NoiseSource};
-use crate::fit_predictor;
 use crate::identify::{Bank, Ending, Memory, Point, Samples, Trial, run, tune_by};
 use crate::run::{self, Estimate, RunError, scaled_model, scaling, training};
 use plid_data::prepare::Prepared;
+use plid_refine::fit_predictor;
 
 /// The smallest R at which the search starts, in tenths of a decade: 1e-4 of the outputs' power.
 const FIRST_R: i32 = -40;
@@ -185,7 +185,7 @@ pub(super) fn predictor(
         return Ok(None);
     };
     let own = as_run(merged, prepared)?;
-    let Some(found) = fit_predictor(&own, samples) else { return Ok(None) };
+    let Some(found) = fit_predictor(&own, samples.inputs, samples.outputs) else { return Ok(None) };
     let in_units = undo_scaling(&Model { predictor_gain: Some(found.gain), ..own }, &scaling(prepared))?;
     Ok(in_units.predictor_gain.map(|gain| (gain, found.origin)))
 }

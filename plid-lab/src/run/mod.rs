@@ -42,14 +42,13 @@ use crate::identify::{
     Bank, Ending, IdentifyError, Memory, OrderScan, Paused, Plan, RecursionRun, Samples, ScanRow, Search, Split,
     ToModel, Trial, scan_orders, search_indices, tune,
 };
-use crate::{Predictor, fit_predictor};
 use error::setting;
 use noise::Known;
 use plid_catalogue::Conditions;
 use plid_data::prepare::{self, Prepared, excitation};
 use plid_data::{Warning, require_samples};
 use plid_model::{Model, Noise, undo_advance, undo_scaling};
-use plid_refine::RefineError;
+use plid_refine::{Predictor, RefineError, fit_predictor};
 
 /// The results of a run, in the units of the data.
 #[derive(Debug)]
@@ -185,7 +184,7 @@ impl Done {
         let scaled = scaled_model(&identified, &prepared)?;
         let alone = experiment.validation.model_only;
         let last = training(&prepared).pop().filter(|_| !alone);
-        let predictor = last.and_then(|last| fit_predictor(&scaled, last));
+        let predictor = last.and_then(|last| fit_predictor(&scaled, last.inputs, last.outputs));
         let (canonical, model) = in_data_units(&scaled, predictor.as_ref(), &plan, &prepared)?;
         let truth = obtained.truth.filter(|truth| is_comparable(truth, &prepared));
         let estimate = Estimate::new(&plan, &scaled, &identified, &innovations, &prepared, obtained.channel_rms)?;

@@ -8,13 +8,11 @@ use nalgebra::{DMatrix, DVector};
 use ndarray::{Array2, ArrayView2, Axis, concatenate, s};
 use plid_model::signal::error_measures;
 use plid_model::{ChannelScaling, Model, ResponseVariance, one_step_prediction, simulate, undo_scaling};
-use plid_refine::{Candidate, Noise, Options, Record, RefineError, Refined, Score, Start, Uncertainty};
+use plid_refine::{Candidate, Noise, Options, Record, RefineError, Refined, Score, Start, Uncertainty, fit_predictor};
 
 use super::error::RunError;
 use super::validate::{Errors, Validation, offsets};
 use crate::experiment::{Experiment, Refinement};
-use crate::fit_predictor;
-use crate::identify::Samples;
 use plid_data::prepare::Prepared;
 use plid_work::Progress;
 
@@ -264,8 +262,9 @@ impl Bench<'_> {
         let rest = model.rest();
         let state = states.last().unwrap_or(&rest);
         let run = simulate(&model, record.inputs.view(), state)?.outputs;
-        let samples = Samples { inputs: record.inputs.view(), outputs: record.outputs.view(), nan_is_missing: true };
-        let gain = fit_predictor(&model, samples.range(0, cut)).map(|predictor| predictor.gain);
+        let training = s![..cut, ..];
+        let gain = fit_predictor(&model, record.inputs.slice(training), record.outputs.slice(training));
+        let gain = gain.map(|predictor| predictor.gain);
         model.predictor_gain = gain;
         let predicted = one_step_prediction(&model, record.inputs.view(), record.outputs.view(), state).ok();
         let one_step_errors = predicted.map(|p| self.errors(p.predicted.slice(s![cut.., ..]))).transpose()?;

@@ -7,10 +7,12 @@
 use std::convert::Infallible;
 
 use nalgebra::{DMatrix, DVector};
+use ndarray::ArrayView2;
 use plid_lsq::{Damping, Normal, Problem, Stop, minimise};
 
-use crate::identify::Samples;
 use plid_model::{Model, NoiseCovariances, steady_state_gain};
+
+use crate::{Record, Start};
 
 /// A predictor gain and its origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,17 +34,17 @@ const STEPS: usize = 12;
 
 /// Returns the mean square one-step error of each output from `x0` on, and the final state; infinite if the predictor
 /// diverges.
-fn one_step(model: &Model, gain: &DMatrix<f64>, samples: Samples<'_>, x0: &DVector<f64>) -> (Vec<f64>, DVector<f64>) {
+fn one_step(model: &Model, gain: &DMatrix<f64>, record: Record<'_>, x0: &DVector<f64>) -> (Vec<f64>, DVector<f64>) {
     let p = model.p();
     let (mut sum, mut count) = (vec![0.0; p], vec![0usize; p]);
     let mut x = x0.clone();
     let mut e = DVector::zeros(p);
-    for (k, (z, u)) in samples.outputs.rows().into_iter().zip(samples.inputs.rows()).enumerate() {
+    for (k, (z, u)) in record.outputs.rows().into_iter().zip(record.inputs.rows()).enumerate() {
         let u = DVector::from_iterator(u.len(), u.iter().copied());
         let y = &model.c * &x + &model.d * &u;
         for i in 0..p {
             e[i] = if z[i].is_finite() { z[i] - y[i] } else { 0.0 };
-            if z[i].is_finite() && k >= SETTLING.min(samples.len() / 4) {
+            if z[i].is_finite() && k >= SETTLING.min(record.samples() / 4) {
                 sum[i] += e[i] * e[i];
                 count[i] += 1;
             }
@@ -98,12 +100,18 @@ fn descend(p: usize, score: impl Fn(&[f64]) -> f64) -> (Vec<f64>, f64) {
     (logs, best)
 }
 
-/// Fits the predictor gain of `model` to the training data, the last quarter of which selects among candidates. Returns
-/// `None` if no gain keeps the predictor bounded.
-pub fn fit_predictor(model: &Model, training: Samples<'_>) -> Option<Predictor> {
-    let cut = training.len() * 3 / 4;
+/// Fits the predictor gain of `model` to `inputs` (samples x m) and `outputs` (samples x p, NaN where a sample is
+/// missing), which begin at rest. The last quarter selects among candidates. Returns `None` if no gain keeps the
+/// predictor bounded.
+pub fn fit_predictor(
+    model: &Model,
+    inputs: ArrayView2<'_, f64>,
+    outputs: ArrayView2<'_, f64>,
+) -> Option<Predictor> {
+    let training = Record { inputs, outputs, start: Start::Rest };
+    let cut = training.samples() * 3 / 4;
     let learn = training.range(cut.saturating_sub(ENOUGH), cut);
-    let decide = training.range(cut, training.len());
+    let decide = training.range(cut, training.samples());
     let rest = model.rest();
     let (n, p) = (model.n(), model.p());
 
@@ -141,7 +149,7 @@ pub fn fit_predictor(model: &Model, training: Samples<'_>) -> Option<Predictor> 
 /// The fit of K to one-step errors, with a Gauss-Newton matrix.
 struct GainFit<'a, 's> {
     model: &'a Model,
-    learn: Samples<'s>,
+    learn: Record<'s>,
     rest: &'a DVector<f64>,
 }
 
@@ -158,7 +166,7 @@ const BLOCK: usize = 64;
 const SMALL_GAIN: f64 = 1e-4;
 const DAMPING: Damping = Damping { start: 1e-3, shrink: 0.2, grow: 10.0, least: 1e-9, tries: 6, factors: &[1.0] };
 
-fn gauss_newton(model: &Model, start: &DMatrix<f64>, learn: Samples<'_>, rest: &DVector<f64>) -> DMatrix<f64> {
+fn gauss_newton(model: &Model, start: &DMatrix<f64>, learn: Record<'_>, rest: &DVector<f64>) -> DMatrix<f64> {
     let mut fit = GainFit { model, learn, rest };
     let start = fit.at(start.clone());
     let stop = Stop { steps: STEPS, gain: SMALL_GAIN, ..Stop::default() };
@@ -265,8 +273,7 @@ mod tests {
             outputs[[k, 1]] = y[1];
             x = &model.a * x + model.b.column(0) * u + &truth * e;
         }
-        let training = Samples { inputs: inputs.view(), outputs: outputs.view(), nan_is_missing: false };
-        let found = fit_predictor(&model, training).unwrap();
+        let found = fit_predictor(&model, inputs.view(), outputs.view()).unwrap();
         // The innovations are the smallest possible error; their RMS over 3000 samples has a relative error of about
         // 1.3 %.
         assert!((found.score[0] / 0.1 - 1.0).abs() < 0.05, "{:?}", found.score);
@@ -297,8 +304,7 @@ mod tests {
             outputs[[k, 0]] = x + normal();
             x = 0.9 * x + inputs[[k, 0]];
         }
-        let training = Samples { inputs: inputs.view(), outputs: outputs.view(), nan_is_missing: false };
-        let found = fit_predictor(&model, training).unwrap();
+        let found = fit_predictor(&model, inputs.view(), outputs.view()).unwrap();
         assert!(found.gain[(0, 0)].abs() < 0.05, "{}", found.gain);
         assert!((found.score[0] - 1.0).abs() < 0.05, "{:?}", found.score);
     }
