@@ -1,0 +1,192 @@
+//! Runs that are alike, stepped together: those of one plant whose forces act at the same ports, over equally many steps.
+//! While the force of one must be known before its step can end, the processor works on the others.
+
+use rayon::prelude::*;
+
+use super::{Fineness, State, changed_plant, most_in_a_block, on_a_given_motion, parts_of};
+use crate::case::record::Channels;
+use crate::effects::{Action, Drive, Force};
+use crate::plant::Plant;
+use crate::simulate::runner::{Given, Runner, advance};
+
+/// A run of the simulation.
+#[derive(Clone, Copy)]
+pub struct Run<'r> {
+    /// What the effects change.
+    pub actions: &'r [Action],
+    /// Held inputs: m channels.
+    pub u: &'r [Vec<f64>],
+    /// Time of the first sample in s.
+    pub t0: f64,
+    /// The state at the first sample; at rest if there is none.
+    pub start: Option<&'r State>,
+}
+
+/// Returns the outputs of several runs before the effects on the sensors. Runs that are alike are stepped together.
+pub fn before_sensors(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> Vec<Channels> {
+    let runs: Vec<Prepared> = runs.iter().map(|run| Prepared::new(plant, run, fineness)).collect();
+    let mut order: Vec<usize> = (0..runs.len()).collect();
+    order.sort_by_key(|&k| runs[k].samples());
+    let ordered: Vec<&Prepared> = order.iter().map(|&k| &runs[k]).collect();
+    let alike = ordered.chunk_by(|a, b| a.is_like(b)).flat_map(|alike| alike.chunks(MOST_TOGETHER));
+    let groups: Vec<&[&Prepared]> = alike.collect();
+    let advanced = |group: &&[&Prepared]| match **group {
+        [a, b, c, d] => advanced([a, b, c, d], plant, fineness),
+        [a, b, c] => advanced([a, b, c], plant, fineness),
+        [a, b] => advanced([a, b], plant, fineness),
+        _ => group.iter().flat_map(|one| advanced([*one], plant, fineness)).collect(),
+    };
+    let advanced: Vec<Vec<Channels>> = groups.par_iter().map(advanced).collect();
+    let mut outputs = vec![Vec::new(); runs.len()];
+    order.into_iter().zip(advanced.into_iter().flatten()).for_each(|(k, y)| outputs[k] = y);
+    outputs
+}
+
+/// Most runs that are stepped together: with more, the sums no longer fit the registers.
+const MOST_TOGETHER: usize = 4;
+
+/// A run whose effects have been applied to the plant and to the command.
+struct Prepared<'r> {
+    run: Run<'r>,
+    /// The plant, if effects change it.
+    changed: Option<Plant>,
+    start: Option<State>,
+    given: Given,
+    /// Number of parts of each value of the command.
+    parts: usize,
+    forces: Vec<(usize, &'r dyn Force)>,
+    /// Forces on a motion that is an input.
+    moved: Vec<(usize, &'r dyn Force)>,
+}
+
+impl<'r> Prepared<'r> {
+    fn new(plant: &Plant, &run: &Run<'r>, fineness: Fineness) -> Self {
+        let changed = changed_plant(plant, run.actions);
+        let start = run.start.map(|start| changed.as_ref().map_or_else(|| start.clone(), |to| start.of(to)));
+        let plant = changed.as_ref().unwrap_or(plant);
+        let (moved, forces): (Vec<_>, Vec<_>) = (run.actions.iter())
+            .filter_map(|action| if let Action::Force(port, law) = action { Some((*port, law.as_ref())) } else { None })
+            .partition(|&(port, _): &(usize, &dyn Force)| plant.ports[port].moved_by().is_some());
+        let mut drive = Drive::new(run.u, plant.rate, run.t0);
+        for action in run.actions {
+            if let Action::Command(command) = action {
+                command.apply(&mut drive);
+            }
+        }
+        let parts = forces.iter().map(|&(port, law)| parts_of(plant, port, law)).fold(fineness.force, usize::max);
+        let mut parts = if forces.is_empty() { 1 } else { (parts / drive.parts).max(1) };
+        let most = most_in_a_block(plant);
+        if parts > most {
+            drive.refine(drive.parts * parts / most);
+            parts = most;
+        }
+        let samples = run.u.first().map_or(0, Vec::len);
+        let disturbance = |action: &Action| {
+            let Action::Disturbance(_, of) = action else { return None };
+            Some((0..samples).map(|k| of(run.t0 + k as f64 / plant.rate)).collect())
+        };
+        let disturbances = run.actions.iter().filter_map(disturbance).collect();
+        Self { run, start, given: Given { drive, disturbances }, parts, forces, moved, changed }
+    }
+
+    fn samples(&self) -> usize {
+        self.run.u.first().map_or(0, Vec::len)
+    }
+
+    /// The ports on which disturbances act.
+    fn pushed(&self) -> impl Iterator<Item = usize> {
+        let port = |action: &Action| if let Action::Disturbance(port, _) = action { Some(*port) } else { None };
+        self.run.actions.iter().filter_map(port)
+    }
+
+    /// The functions of time by which the stiffness is multiplied.
+    fn stiffness(&self) -> impl Iterator<Item = &(dyn Fn(f64) -> f64 + Send + Sync)> {
+        self.run.actions.iter().filter_map(|action| match action {
+            Action::Stiffness(of) => Some(of.as_ref()),
+            _ => None,
+        })
+    }
+
+    /// Returns whether two runs have the same number of steps, and the same plant at each.
+    fn is_like(&self, other: &Self) -> bool {
+        let steps = |run: &Self| (run.samples(), run.given.drive.parts, run.parts);
+        let ports = |run: &Self| run.forces.iter().map(|(port, _)| *port).chain(run.pushed()).collect::<Vec<_>>();
+        let drifts = self.stiffness().next().is_some();
+        let unchanged = |run: &Self| run.changed.is_none() && run.stiffness().next().is_none();
+        let same = std::ptr::eq(self.run.actions, other.run.actions) && (!drifts || self.run.t0 == other.run.t0);
+        steps(self) == steps(other)
+            && ports(self) == ports(other)
+            && self.forces.len() == other.forces.len()
+            && (same || unchanged(self) && unchanged(other))
+    }
+
+    /// Returns the factor of the stiffness every few samples; empty if it does not change.
+    fn factors(&self, drift: usize, rate: f64) -> Vec<f64> {
+        if self.stiffness().next().is_none() {
+            return Vec::new();
+        }
+        let middle = |k: usize| self.run.t0 + (k as f64 + 0.5) * drift as f64 / rate;
+        let factor = |k: usize| self.stiffness().map(|of| of(middle(k))).product();
+        (0..self.samples().div_ceil(drift)).map(factor).collect()
+    }
+}
+
+/// Advances runs that are alike.
+fn advanced<const R: usize>(runs: [&Prepared<'_>; R], plant: &Plant, fineness: Fineness) -> Vec<Channels> {
+    let first = runs[0];
+    let plant = first.changed.as_ref().unwrap_or(plant);
+    let pushed: Vec<usize> = first.pushed().collect();
+    let laws = runs.map(|run| run.forces.as_slice());
+    let mut runner = Runner::new(plant, (first.given.drive.parts, first.parts), laws, &pushed);
+    for (number, run) in runs.iter().enumerate() {
+        if let Some(start) = &run.start {
+            runner.start(number, start);
+        }
+    }
+    let mut outputs = runs.map(|run| vec![vec![0.0; run.samples()]; plant.p]);
+    let factors = first.factors(fineness.drift, plant.rate);
+    advance(&mut runner, plant, &runs.map(|run| &run.given), &factors, fineness.drift, &mut outputs);
+    for (y, run) in outputs.iter_mut().zip(runs) {
+        run.moved.iter().for_each(|&(port, law)| on_a_given_motion(&plant.ports[port], law, &run.given.drive, y));
+    }
+    outputs.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{Library, Setting};
+    use crate::testing;
+    use plid_fourier::C;
+
+    /// For each effect at each of its places: several of its shapes, over records of several lengths that do not begin
+    /// at rest, have the same outputs together as alone, to the bit.
+    #[test]
+    fn together_as_alone() {
+        let model = testing::truss(1);
+        let plant = Plant::new(&model).unwrap();
+        let setting = Setting::bare(&plant, &model);
+        let records: Vec<Channels> =
+            [40, 60, 60, 60, 60].iter().zip(1..).map(|(&n, k)| testing::random_input(k, n, 2)).collect();
+        let mut begun = State::rest(&plant);
+        begun.modes.iter_mut().for_each(|z| *z = C::new(1e-3, -2e-3));
+        let library = Library::standard();
+        let mut forced = 0;
+        for effect in library.effects() {
+            for place in effect.places(&setting) {
+                let starts = effect.starts(&setting, &place);
+                let sets: Vec<_> = starts.iter().map(|start| effect.act(&setting, &place, start)).collect();
+                let runs: Vec<Run> = (sets.iter())
+                    .flat_map(|actions| records.iter().zip(0_u8..).map(move |(u, k)| (actions, u, k)))
+                    .map(|(actions, u, k)| Run { actions, u, t0: f64::from(k), start: (k % 2 == 1).then_some(&begun) })
+                    .collect();
+                forced += sets.iter().flatten().filter(|action| matches!(action, Action::Force(..))).count();
+                let bits = |y: Channels| y.into_iter().flatten().map(f64::to_bits).collect::<Vec<u64>>();
+                let alone = runs.iter().flat_map(|run| before_sensors(&plant, &[*run], Fineness::FINE)).map(bits);
+                let together = before_sensors(&plant, &runs, Fineness::FINE).into_iter().map(bits);
+                assert!(together.eq(alone), "{} at {place:?}", effect.name());
+            }
+        }
+        assert!(forced > 20, "{forced} forces");
+    }
+}
