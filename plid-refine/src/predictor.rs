@@ -103,11 +103,7 @@ fn descend(p: usize, score: impl Fn(&[f64]) -> f64) -> (Vec<f64>, f64) {
 /// Fits the predictor gain of `model` to `inputs` (samples x m) and `outputs` (samples x p, NaN where a sample is
 /// missing), which begin at rest. The last quarter selects among candidates. Returns `None` if no gain keeps the
 /// predictor bounded.
-pub fn fit_predictor(
-    model: &Model,
-    inputs: ArrayView2<'_, f64>,
-    outputs: ArrayView2<'_, f64>,
-) -> Option<Predictor> {
+pub fn fit_predictor(model: &Model, inputs: ArrayView2<'_, f64>, outputs: ArrayView2<'_, f64>) -> Option<Predictor> {
     let training = Record { inputs, outputs, start: Start::Rest };
     let cut = training.samples() * 3 / 4;
     let learn = training.range(cut.saturating_sub(ENOUGH), cut);
