@@ -425,8 +425,8 @@ pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
 }
 
 /// Reconsiders each effect with all others in place: the first was chosen while the others were missing. The last was
-/// chosen with the others in place, so it is only reconsidered after one of them was replaced, or if the ports have been
-/// `moved` since.
+/// chosen with the others in place, so it is only reconsidered after one of them was replaced, or if the ports have
+/// been `moved` since.
 fn question<'a>(
     problem: &Problem,
     quick: &Problem,

@@ -18,8 +18,8 @@ pub struct Given {
     pub disturbances: Vec<Vec<f64>>,
 }
 
-/// Runs all samples, of several records at once: a force must be known before its part of a sample can end, and meanwhile
-/// the processor works on the other runs. The loops over modes are short and gain from wide registers.
+/// Runs all samples, of several records at once: a force must be known before its part of a sample can end, and
+/// meanwhile the processor works on the other runs. The loops over modes are short and gain from wide registers.
 #[multiversion::multiversion(targets("x86_64+avx2+fma"))]
 pub fn advance<const R: usize>(
     runner: &mut Runner<R>,
@@ -343,7 +343,8 @@ impl<'a, const R: usize> Runner<'a, R> {
 impl<const R: usize> Port<'_, R> {
     /// Friction that holds a port, or on whose way the velocity passes zero, becomes the force that brings the port to
     /// rest at the end of a part, as far as it can. `by_held` is the motion by a unit held over the part. (This is the
-    /// time stepping of Moreau for unilateral constraints: J. J. Moreau, in Nonsmooth Mechanics and Applications, 1988.)
+    /// time stepping of Moreau for unilateral constraints: J. J. Moreau, in Nonsmooth Mechanics and Applications,
+    /// 1988.)
     #[inline(always)]
     fn hold_still(
         &mut self,

@@ -1,5 +1,5 @@
-//! Runs that are alike, stepped together: those of one plant whose forces act at the same ports, over equally many steps.
-//! While the force of one must be known before its step can end, the processor works on the others.
+//! Runs that are alike, stepped together: those of one plant whose forces act at the same ports, over equally many
+//! steps. While the force of one must be known before its step can end, the processor works on the others.
 
 use rayon::prelude::*;
 
@@ -24,13 +24,13 @@ pub struct Run<'r> {
 
 /// Returns the outputs of several runs before the effects on the sensors. Runs that are alike are stepped together.
 pub fn before_sensors(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> Vec<Channels> {
-    let runs: Vec<Prepared> = runs.iter().map(|run| Prepared::new(plant, run, fineness)).collect();
+    let runs: Vec<Applied> = runs.iter().map(|run| Applied::new(plant, run, fineness)).collect();
     let mut order: Vec<usize> = (0..runs.len()).collect();
     order.sort_by_key(|&k| runs[k].samples());
-    let ordered: Vec<&Prepared> = order.iter().map(|&k| &runs[k]).collect();
+    let ordered: Vec<&Applied> = order.iter().map(|&k| &runs[k]).collect();
     let alike = ordered.chunk_by(|a, b| a.is_like(b)).flat_map(|alike| alike.chunks(MOST_TOGETHER));
-    let groups: Vec<&[&Prepared]> = alike.collect();
-    let advanced = |group: &&[&Prepared]| match **group {
+    let groups: Vec<&[&Applied]> = alike.collect();
+    let advanced = |group: &&[&Applied]| match **group {
         [a, b, c, d] => advanced([a, b, c, d], plant, fineness),
         [a, b, c] => advanced([a, b, c], plant, fineness),
         [a, b] => advanced([a, b], plant, fineness),
@@ -46,7 +46,7 @@ pub fn before_sensors(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> Ve
 const MOST_TOGETHER: usize = 4;
 
 /// A run whose effects have been applied to the plant and to the command.
-struct Prepared<'r> {
+struct Applied<'r> {
     run: Run<'r>,
     /// The plant, if effects change it.
     changed: Option<Plant>,
@@ -59,7 +59,7 @@ struct Prepared<'r> {
     moved: Vec<(usize, &'r dyn Force)>,
 }
 
-impl<'r> Prepared<'r> {
+impl<'r> Applied<'r> {
     fn new(plant: &Plant, &run: &Run<'r>, fineness: Fineness) -> Self {
         let changed = changed_plant(plant, run.actions);
         let start = run.start.map(|start| changed.as_ref().map_or_else(|| start.clone(), |to| start.of(to)));
@@ -132,7 +132,7 @@ impl<'r> Prepared<'r> {
 }
 
 /// Advances runs that are alike.
-fn advanced<const R: usize>(runs: [&Prepared<'_>; R], plant: &Plant, fineness: Fineness) -> Vec<Channels> {
+fn advanced<const R: usize>(runs: [&Applied<'_>; R], plant: &Plant, fineness: Fineness) -> Vec<Channels> {
     let first = runs[0];
     let plant = first.changed.as_ref().unwrap_or(plant);
     let pushed: Vec<usize> = first.pushed().collect();
