@@ -116,13 +116,11 @@ pub fn search<'a>(
         if !accepted {
             break;
         }
-        let chosen = price.of(&top);
         best = if scope.skips(Step::PortScales) { top } else { fit_ports(problem, quick, top) };
-        let moved = price.of(&best) < chosen - settings.accept_gain;
         // With other scales of the ports it explains more than when it was entered.
         candidates.push(price.candidate(&best));
         if best.effects.len() > 1 && !scope.skips(Step::Questioning) {
-            best = question(problem, quick, best, moved, &price, &mut candidates);
+            best = question(problem, quick, best, &price, &mut candidates);
         }
     }
     // An effect that was not accepted must rank behind no effect, whatever its price.
@@ -424,22 +422,16 @@ pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     fit
 }
 
-/// Reconsiders each effect with all others in place: the first was chosen while the others were missing. The last was
-/// chosen with the others in place, so it is only reconsidered after one of them was replaced, or if the ports have
-/// been `moved` since.
+/// Reconsiders each effect with all others in place: the first was chosen while the others were missing.
 fn question<'a>(
     problem: &Problem,
     quick: &Problem,
     mut best: Fit<'a>,
-    mut moved: bool,
     price: &Price<'_, 'a>,
     candidates: &mut Vec<Candidate<'a>>,
 ) -> Fit<'a> {
     let settings = &price.scope.settings;
     for place in 0..best.effects.len() {
-        if place + 1 == best.effects.len() && !moved {
-            break;
-        }
         let mut others = best.effects.clone();
         let asked = others.remove(place);
         let there = |placed: &Placed| {
@@ -455,7 +447,6 @@ fn question<'a>(
             && price.of(&top) < price.of(&best)
         {
             best = top;
-            moved = true;
         }
     }
     best
