@@ -33,6 +33,11 @@ pub fn get_mut(lanes: &mut [Quad], k: usize) -> &mut f64 {
 /// The same lane of several runs.
 pub type Lane<const R: usize> = [Quad; R];
 
+/// Some zeros of each run.
+pub fn zeros_of<const R: usize>(count: usize) -> Vec<Lane<R>> {
+    vec![[Quad::default(); R]; count.div_ceil(WIDE)]
+}
+
 /// The k-th number of a run.
 #[inline(always)]
 pub fn get_of<const R: usize>(lanes: &[Lane<R>], k: usize, run: usize) -> f64 {
@@ -48,21 +53,20 @@ pub fn get_mut_of<const R: usize>(lanes: &mut [Lane<R>], k: usize, run: usize) -
 /// The k-th number of all runs.
 #[inline(always)]
 pub fn all<const R: usize>(lanes: &[Lane<R>], k: usize) -> [f64; R] {
-    let lane = &lanes[k / WIDE];
-    std::array::from_fn(|r| lane[r].0[k % WIDE])
+    std::array::from_fn(|r| get_of(lanes, k, r))
 }
 
 /// Sets the k-th number of all runs.
 #[inline(always)]
 pub fn set<const R: usize>(lanes: &mut [Lane<R>], k: usize, to: [f64; R]) {
-    let lane = &mut lanes[k / WIDE];
-    (0..R).for_each(|r| lane[r].0[k % WIDE] = to[r]);
+    (0..R).for_each(|r| *get_mut_of(lanes, k, r) = to[r]);
 }
 
 /// to += from * factor, with a factor of each run.
 #[inline(always)]
 pub fn add_each<const R: usize>(to: &mut [Lane<R>], from: &[Quad], factor: [f64; R]) {
     for (to, from) in to.iter_mut().zip(from) {
+        // All values are read before any is written, so the compiler need not assume that they overlap.
         *to = std::array::from_fn(|r| Quad(std::array::from_fn(|l| to[r].0[l] + from.0[l] * factor[r])));
     }
 }
@@ -71,7 +75,6 @@ pub fn add_each<const R: usize>(to: &mut [Lane<R>], from: &[Quad], factor: [f64;
 #[inline(always)]
 pub fn add<const R: usize>(to: &mut [Lane<R>], from: &[Quad], run: usize, factor: f64) {
     for (to, from) in to.iter_mut().zip(from) {
-        // All values are read before any is written, so the compiler need not assume that they overlap.
         to[run] = Quad(std::array::from_fn(|l| to[run].0[l] + from.0[l] * factor));
     }
 }

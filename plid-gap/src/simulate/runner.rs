@@ -18,8 +18,8 @@ pub struct Given {
     pub disturbances: Vec<Vec<f64>>,
 }
 
-/// Runs all samples, of several records at once: a force must be known before its part of a sample can end, and
-/// meanwhile the processor works on the other runs. The loops over modes are short and gain from wide registers.
+/// Steps several runs through all samples. A part of a sample has to wait for its force; meanwhile the processor works
+/// on the other runs. The loops over modes are short and gain from wide registers.
 #[multiversion::multiversion(targets("x86_64+avx2+fma"))]
 pub fn advance<const R: usize>(
     runner: &mut Runner<R>,
@@ -146,7 +146,6 @@ impl<'a, const R: usize> Runner<'a, R> {
         let output = |number: &usize| plant.ports[*number].output.clone();
         let all = vec![[Quad::default(); R]; block.state_lanes() + block.motion_lanes()];
         let (state, motion) = all.split_at(block.state_lanes());
-        let zeros = |count: usize| vec![[Quad::default(); R]; count.div_ceil(WIDE)];
         Self {
             maps: block.maps(plant, &poles),
             late: block.late.then(|| Late::new(plant, &block, &ports)),
@@ -154,8 +153,8 @@ impl<'a, const R: usize> Runner<'a, R> {
             state: state.to_vec(),
             motion: motion.to_vec(),
             forces: motion.to_vec(),
-            next: zeros(plant.rest.a.nrows()),
-            shown: zeros(plant.p),
+            next: lanes::zeros_of(plant.rest.a.nrows()),
+            shown: lanes::zeros_of(plant.p),
             ports: ports
                 .iter()
                 .enumerate()
@@ -182,7 +181,7 @@ impl<'a, const R: usize> Runner<'a, R> {
 
     /// Sets the motion of the ports to that of the state.
     fn see(&mut self) {
-        let mut seen = vec![[Quad::default(); R]; (2 * self.ports.len()).div_ceil(WIDE)];
+        let mut seen = lanes::zeros_of(2 * self.ports.len());
         self.maps.seen.add_times(&self.state, &mut seen);
         for (j, port) in self.ports.iter_mut().enumerate() {
             for (r, moving) in port.moving.iter_mut().enumerate() {
@@ -384,7 +383,7 @@ impl<const R: usize> Late<R> {
         Self {
             a: Rows::new(r, r, |i, j| rest.a[(i, j)]),
             b: rest.b.column_iter().map(|column| lanes::of(column.into_owned().as_slice())).collect(),
-            held: vec![[Quad::default(); R]; r.div_ceil(WIDE)],
+            held: lanes::zeros_of(r),
             sees: Rows::new(rows.len(), r, |i, j| rows[i].map_or(0.0, |row| row[j])),
         }
     }

@@ -1,5 +1,5 @@
 //! Runs that are alike, stepped together: those of one plant whose forces act at the same ports, over equally many
-//! steps. While the force of one must be known before its step can end, the processor works on the others.
+//! steps. A step of one run has to wait for its force; meanwhile the processor works on the others.
 
 use rayon::prelude::*;
 
