@@ -291,7 +291,9 @@ def in_time(model, q):
 
 
 def simulate(file, u, t0):
-    """Outputs (p x samples) for held inputs u (m x samples), from rest."""
+    """Outputs (p x samples) for inputs u (m x samples), from rest."""
+    if file.get("intersample") == "foh":  # straight from sample to sample: on average the middle
+        u = (u + np.hstack([u[:, 1:], u[:, -1:]])) / 2
     model = file.get("linear_with_modal_effects", file["linear"])
     # A mode that was missing stands behind the others and before the rest.
     q = file["modes"] + (len(model["A"]) - len(file["linear"]["A"])) // 2

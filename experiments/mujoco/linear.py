@@ -328,6 +328,8 @@ def judge(label, answer):
 
 
 def score(out, plid):
+    """Returns whether the main cause is right, whether its place is, whether a wrong name is confident, whether the
+    prediction is close, and the label, of each case."""
     rows = []
     for label_file in sorted(out.glob("labels/*/label.json")):
         name, label = label_file.parent.name, json.loads(label_file.read_text())
@@ -362,6 +364,10 @@ def score(out, plid):
               f'{said or answer["verdict"]}'
               f' | gap {given:.3f} -> {left:.4f}, noise {label["noise"]:.4f}{"" if close else " FAR"}, {took:.1f} s')
         rows.append((right, here, wrong, close, label))
+    return rows
+
+
+def summarise(rows):
     caused, sound = [r for r in rows if r[4]["effects"]], [r for r in rows if not r[4]["effects"]]
     print(f"\nright main cause {sum(r[0] for r in caused)} of {len(caused)}, at its place {sum(r[1] for r in caused)}; "
           f"nothing missing {sum(r[0] for r in sound)} of {len(sound)}; confident and wrong {sum(r[2] for r in rows)}; "
@@ -380,7 +386,7 @@ def main():
     scoring.add_argument("--plid", default="target/release/plid")
     given = parser.parse_args()
     if given.command == "score":
-        return score(given.out, given.plid)
+        return summarise(score(given.out, given.plid))
     for at, (plant, kind) in zip(range(given.cases), itertools.cycle(KINDS)):
         with_ports = (at + at // len(KINDS)) % 2 == 0
         draw(given.out, f"{at + 1:03}", plant, kind, with_ports, given.seed * 1000 + at)

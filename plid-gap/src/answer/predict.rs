@@ -6,6 +6,7 @@ use plid_model::Model;
 
 use crate::answer::range::{Beyond, FittedRange, peak};
 use crate::answer::schema::SimulationWithEffects;
+use crate::case::Intersample;
 use crate::case::record::{Channels, rms};
 use crate::effects::{Action, Effect, Flexible, Library, Parameter, Place, Range, Setting};
 use crate::error::GapError;
@@ -26,6 +27,7 @@ pub struct Predictor {
     pub noise_rms: Vec<f64>,
     /// The range of the fitted records, if the file states it.
     pub fitted: Option<FittedRange>,
+    intersample: Intersample,
     plant: Plant,
     actions: Vec<Action>,
 }
@@ -92,7 +94,8 @@ impl Predictor {
                 None => effect.act(&setting, &place, &parameters),
             });
         }
-        Ok(Self { model, t0: written.t0, noise_rms: written.noise_rms, fitted: written.fitted, plant, actions })
+        let SimulationWithEffects { t0, noise_rms, fitted, intersample, .. } = written;
+        Ok(Self { model, t0, noise_rms, fitted, intersample, plant, actions })
     }
 
     /// Predicts the outputs for inputs (m channels), from rest, from time `t0` on.
@@ -100,7 +103,8 @@ impl Predictor {
     /// # Errors
     /// [`GapError::Diverged`] with the first sample that is not finite or out of bounds.
     pub fn predict(&self, u: &[Vec<f64>], t0: f64) -> Result<Prediction, GapError> {
-        let outputs = self.run(u, t0);
+        let u = &self.intersample.held(u);
+        let outputs = self.free_run(u, t0);
         let linear = simulate(&self.plant, &[], u, t0, None, Fineness::FINE);
         self.require_bounded(&outputs, &linear)?;
         let correction =
@@ -145,7 +149,11 @@ impl Predictor {
     /// Simulates the outputs (p channels) for inputs (m channels), from rest, from time `t0` on, without a check of
     /// divergence.
     pub fn run(&self, u: &[Vec<f64>], t0: f64) -> Channels {
-        simulate(&self.plant, &self.actions, u, t0, None, Fineness::FINE)
+        self.free_run(&self.intersample.held(u), t0)
+    }
+
+    fn free_run(&self, held: &[Vec<f64>], t0: f64) -> Channels {
+        simulate(&self.plant, &self.actions, held, t0, None, Fineness::FINE)
     }
 }
 
@@ -252,7 +260,8 @@ mod tests {
         let quiet = scaled(&u, 1e-3);
         let y = simulate(&plant, &[], &quiet, 0.0, None, Fineness::FINE);
         let fitted = FittedRange::of(&plant, &[record(quiet, y)], 0.01, 0.005);
-        (Predictor { model, t0: 0.0, noise_rms: vec![0.0; 2], fitted: Some(fitted), plant, actions }, u)
+        let intersample = Intersample::Zoh;
+        (Predictor { model, t0: 0.0, noise_rms: vec![0.0; 2], fitted: Some(fitted), intersample, plant, actions }, u)
     }
 
     fn scaled(u: &[Vec<f64>], by: f64) -> Channels {

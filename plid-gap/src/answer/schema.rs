@@ -7,6 +7,7 @@ use plid_report::Cell;
 use serde::{Deserialize, Serialize};
 
 use crate::answer::range::FittedRange;
+use crate::case::Intersample;
 use crate::effects::Side;
 use crate::judge::locate::LevelGap;
 pub use crate::judge::shrink::{Gap, ShrinkOver};
@@ -297,6 +298,9 @@ pub struct SimulationWithEffects {
     pub linear_with_modal_effects: Option<serde_json::Value>,
     /// The changes by the refit in words and figures.
     pub refit: Vec<String>,
+    /// What the inputs do between the samples; absent if they keep their values.
+    #[serde(default, skip_serializing_if = "Intersample::is_zoh")]
+    pub intersample: Intersample,
     /// The effects. Those on commands act in this order, and so do those on outputs.
     pub effects: Vec<WrittenEffect>,
     /// End of the last record, in s since the first began.

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::answer::range::FittedRange;
 use crate::answer::schema::{Gap, SimulationWithEffects, Value, WrittenEffect};
+use crate::case::Intersample;
 use crate::effects::{Parameter, Place, Setting};
 use crate::fit::problem::{Placed, Problem};
 use crate::judge::explained::Explained;
@@ -74,6 +75,7 @@ pub(crate) fn written(
         modes: plant.modes.len(),
         linear_with_modal_effects: modal.map(|modal| modal.to_model(model).to_json()),
         refit,
+        intersample: Intersample::Zoh,
         effects,
         t0,
         noise_rms: explained.noise_rms(),

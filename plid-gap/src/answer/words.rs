@@ -47,6 +47,12 @@ pub(crate) fn words(
             smaller.join(" and ")
         ));
     }
+    words.extend(explained.offsets.iter().map(|offset| {
+        format!(
+            "The prediction also contains a constant error that all driven records share: {}.",
+            in_words(std::slice::from_ref(offset), &problem.setting.names)
+        )
+    }));
     words.extend(nearest_other(explained));
     words.extend(class.map(|(first, others)| {
         format!(

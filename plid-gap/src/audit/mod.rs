@@ -16,7 +16,7 @@ mod stable;
 mod surrogate;
 mod wiring;
 
-use crate::case::Case;
+use crate::case::{Case, Intersample};
 use crate::effects::{Library, Units};
 use crate::error::GapError;
 use crate::prepare::Known;
@@ -61,6 +61,11 @@ impl Audit {
 }
 
 impl Audit {
+    /// Returns what the inputs are taken to do between the samples.
+    pub(crate) fn intersample(&self) -> Intersample {
+        self.surrogate.as_ref().map_or(Intersample::Zoh, |surrogate| surrogate.intersample)
+    }
+
     /// Returns the mismatch that the audit corrected, if it explains the gap.
     pub(crate) fn put_right(&self) -> Option<&Mismatch> {
         self.mismatch.as_ref().filter(|mismatch| mismatch.explains)
@@ -98,8 +103,11 @@ fn look(
     };
 
     let mut case = case.clone();
-    if surrogate.is_some() {
-        case.records.iter_mut().for_each(|record| surrogate::take_misfit(record, &model));
+    if let Some(surrogate) = &surrogate {
+        for record in &mut case.records {
+            record.u = surrogate.intersample.held(&record.u);
+            surrogate::take_misfit(record, &model);
+        }
     }
     case.config.exclude.extend(little.left_out);
     case.config.exclude.extend(absorbed(&case, library, from_records));

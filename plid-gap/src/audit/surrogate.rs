@@ -12,10 +12,9 @@ use ndarray::Array2;
 use plid_model::Model;
 use plid_refine::{Candidate, Noise, Options, RefineError, Start, free_run_error};
 
-use crate::case::Case;
-use crate::case::Limits;
 use crate::case::record::{Excitation, Record};
 use crate::case::split::driven;
+use crate::case::{Case, Intersample, Limits};
 use crate::effects::Setting;
 use crate::error::GapError;
 use crate::fit::free_run::run;
@@ -47,6 +46,8 @@ pub struct Surrogate {
     pub prior_std: Vec<f64>,
     /// Its error on the records from which it was identified, if that is not noise.
     pub model_error: Option<ModelError>,
+    /// What it takes the inputs to do between the samples.
+    pub intersample: Intersample,
 }
 
 /// Identifies a model for a case without one.
@@ -55,9 +56,52 @@ pub struct Surrogate {
 /// [`GapError::TooLittle`] if the records are too short for the requested states; [`GapError::Failed`] if no model can
 /// be identified.
 pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, GapError> {
-    let fitted = fitted_records(case)?;
+    let fitted: Vec<Record> = fitted_records(case)?.into_iter().cloned().collect();
     let of_simulator = fitted.iter().all(|record| record.simulated.is_some());
     say(format!("identifying a model from {}", if of_simulator { "the simulated outputs" } else { "the records" }));
+    let (linear, fitted, intersample) = either_hold(case, fitted, of_simulator)?;
+    let Linear { mut model, std, error, validation_error } = linear;
+    model.inputs.clone_from(&case.config.inputs);
+    model.outputs.clone_from(&case.config.outputs);
+    model.initial_state = None;
+    case.config.declare_kinds(&mut model);
+    let mut words =
+        words(&model, &case.for_simulation, of_simulator, [error, validation_error], &case.config.settings.audit);
+    if !intersample.is_zoh() {
+        words += " The inputs are taken to run straight from sample to sample, which fits better than steps.";
+    }
+    let set_aside = !case.for_simulation.is_empty();
+    let free = |plant: &Plant| !of_simulator && (!set_aside || plant.modes.is_empty());
+    let prior_std = prior_std(&model, &fitted, &std, free, &case.config.settings)?;
+    let model_error =
+        if of_simulator { None } else { model_error(&model, &fitted, set_aside, &case.config.settings.plant)? };
+    Ok(Surrogate { model, words, prior_std, model_error, intersample })
+}
+
+/// Identifies the model with both holds of the inputs, if it is one of the records, and returns the better one with the
+/// records whose inputs are held so. A simulator gets the samples of its inputs, whatever these do in between.
+fn either_hold(
+    case: &Case,
+    fitted: Vec<Record>,
+    of_simulator: bool,
+) -> Result<(Linear, Vec<Record>, Intersample), GapError> {
+    let zoh = linear(case, &fitted, of_simulator)?;
+    if !of_simulator {
+        let mut straight = fitted.clone();
+        straight.iter_mut().for_each(|record| record.u = Intersample::Foh.held(&record.u));
+        let values = straight.iter().map(|record| (record.samples() * record.y.len()) as f64).sum::<f64>();
+        let gain = |foh: &Linear| 2.0 * values * (zoh.error / foh.error).ln();
+        if let Ok(foh) = linear(case, &straight, false)
+            && gain(&foh) > case.config.settings.search.accept_gain
+        {
+            return Ok((foh, straight, Intersample::Foh));
+        }
+    }
+    Ok((zoh, fitted, Intersample::Zoh))
+}
+
+/// Identifies the best linear model of records, or of the simulator's outputs for them.
+fn linear(case: &Case, fitted: &[Record], of_simulator: bool) -> Result<Linear, GapError> {
     let target = |record: &Record| match &record.simulated {
         Some(simulated) if of_simulator => matrix(simulated),
         _ => matrix(&record.y),
@@ -84,22 +128,12 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, G
     let head = plid_refine::head(&records).map_err(failed)?;
     let tried = of_simulator && case.config.states.is_none();
     let exact = tried.then(|| itself(&head, &records, rate, settings.exact)).flatten();
-    let Linear { mut model, std, validation_error } = match exact {
+    let mut linear = match exact {
         Some(itself) => itself,
         None => fitted_best(&head, &records, case.config.states.unwrap_or(settings.surrogate_states), rate, &options)?,
     };
-    model.inputs.clone_from(&case.config.inputs);
-    model.outputs.clone_from(&case.config.outputs);
-    model.initial_state = None;
-    case.config.declare_kinds(&mut model);
-    let error = relative(&std, &arrays);
-    let words = words(&model, &case.for_simulation, of_simulator, [error, validation_error], settings);
-    let set_aside = !case.for_simulation.is_empty();
-    let free = |plant: &Plant| !of_simulator && (!set_aside || plant.modes.is_empty());
-    let prior_std = prior_std(&model, &fitted, &std, free, &case.config.settings)?;
-    let model_error =
-        if of_simulator { None } else { model_error(&model, &fitted, set_aside, &case.config.settings.plant)? };
-    Ok(Surrogate { model, words, prior_std, model_error })
+    linear.error = relative(&linear.std, &arrays);
+    Ok(linear)
 }
 
 /// Returns the records from which a model is identified: those that are set aside for it, or else those that are
@@ -123,6 +157,8 @@ struct Linear {
     model: Model,
     /// Standard deviation of its free-run error on all records, of each output.
     std: Vec<f64>,
+    /// The relative free-run error on all records.
+    error: f64,
     /// Relative free-run error after the heads of the records.
     validation_error: f64,
 }
@@ -146,7 +182,7 @@ fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f
     }
     let samples = records.iter().map(plid_refine::Record::samples).sum::<usize>() as f64;
     let std = sums.iter().map(|(error, output)| (error.max(ROUNDING * output) / samples).sqrt()).collect();
-    (validation_error < exact).then_some(Linear { model: found.model, std, validation_error })
+    (validation_error < exact).then_some(Linear { model: found.model, std, error: 0.0, validation_error })
 }
 
 /// Identifies the best model with this number of states.
@@ -161,7 +197,8 @@ fn fitted_best(
     let starts = [Candidate { name: "subspace".into(), model: start }];
     let choice = plid_refine::best_of(&starts, records, options, &|_, _| true).map_err(failed)?;
     let std = choice.refined.residual_variances.iter().map(|variance| variance.sqrt()).collect();
-    Ok(Linear { model: choice.refined.model, std, validation_error: choice.scores[choice.chosen].error })
+    let validation_error = choice.scores[choice.chosen].error;
+    Ok(Linear { model: choice.refined.model, std, error: 0.0, validation_error })
 }
 
 /// Subtracts from the measured outputs the part of the simulator's own outputs that the model does not follow, if these
@@ -178,11 +215,11 @@ pub fn take_misfit(record: &mut Record, model: &Model) {
 /// record was set aside for the model.
 fn model_error(
     model: &Model,
-    records: &[&Record],
+    records: &[Record],
     aside: bool,
     settings: &PlantSettings,
 ) -> Result<Option<ModelError>, GapError> {
-    let tells = |record: &&&Record| record.excitation == Excitation::Random || aside;
+    let tells = |record: &&Record| record.excitation == Excitation::Random || aside;
     let Some(record) = records.iter().filter(tells).max_by_key(|record| record.samples()) else { return Ok(None) };
     let plant = Plant::with_settings(model, settings)?;
     let error = record.error(&run(&plant, &[], record));
@@ -195,13 +232,13 @@ fn model_error(
 /// higher frequency, friction as a larger damping ratio. Its parameters are therefore `free` within wide limits.
 fn prior_std(
     model: &Model,
-    records: &[&Record],
+    records: &[Record],
     std: &[f64],
     free: impl Fn(&Plant) -> bool,
     settings: &GapSettings,
 ) -> Result<Vec<f64>, GapError> {
     let plant = Plant::with_settings(model, &settings.plant)?;
-    let records: Vec<Record> = records.iter().map(|record| (*record).clone()).collect();
+    let records = records.to_vec();
     let mut noise = NoiseModel::declared(&plant, std, &vec![0.0; plant.m]);
     noise.settings.clone_from(&settings.noise);
     let masked = vec![Vec::new(); plant.p];
@@ -292,14 +329,33 @@ mod tests {
     fn the_best_linear_model_of_the_records_is_the_surrogate() {
         let mut case = case(&truss(3), &truss(3));
         case.config.states = Some(truss(3).n());
-        let Surrogate { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
+        let Surrogate { model, words, intersample, .. } = identify(&case, &mut |_| {}).unwrap();
         assert_eq!((model.n(), &model.outputs), (truss(3).n(), &case.config.outputs));
+        assert!(intersample.is_zoh());
         // Noise of 0.2 % in 4096 samples.
         assert!(apart(&model, &truss(3)) < 0.002, "{}", apart(&model, &truss(3)));
         assert!(
             words.starts_with("No simulation is given: the surrogate is the best linear model of 14 states"),
             "{words}"
         );
+    }
+
+    /// The real inputs run straight from sample to sample, and the records have their samples.
+    #[test]
+    fn inputs_that_do_not_step_are_recognised() {
+        let mut case = case(&truss(3), &truss(3));
+        case.config.states = Some(truss(3).n());
+        for record in &mut case.records {
+            let measured = run(&truss(3), &Intersample::Foh.held(&record.u));
+            let stepped = run(&truss(3), &record.u);
+            for (y, (measured, stepped)) in record.y.iter_mut().zip(measured.iter().zip(&stepped)) {
+                y.iter_mut().zip(measured.iter().zip(stepped)).for_each(|(y, (m, s))| *y += m - s);
+            }
+        }
+        let Surrogate { model, words, intersample, .. } = identify(&case, &mut |_| {}).unwrap();
+        assert_eq!(intersample, Intersample::Foh);
+        assert!(words.ends_with("which fits better than steps."), "{words}");
+        assert!(apart(&model, &truss(3)) < 0.002, "{}", apart(&model, &truss(3)));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! A gap case: the simulation, the records, and the engineer's knowledge.
 
 mod config;
+mod intersample;
 pub(crate) mod levels;
 mod limits;
 mod period;
@@ -18,6 +19,7 @@ use crate::error::GapError;
 
 pub(crate) use config::ON_A_MODE;
 pub use config::{CaseConfig, ExcitationKind, PortConfig, RecordConfig, StartKind, Use};
+pub use intersample::Intersample;
 pub use limits::Limits;
 pub use record::{Channels, Excitation, Record};
 pub use records::excitations_of;

@@ -9,6 +9,7 @@ use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::fit::refit::{Refit, STEPS, clipped, refit};
 use crate::judge::explained::Explained;
 use crate::judge::gap;
+use crate::judge::offsets::offsets;
 use crate::judge::verdict::{Adequacy, FitFigures, adequacy, least_unknown, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
@@ -33,7 +34,7 @@ pub fn explain<'a>(
 ) -> Explained<'a> {
     let names = ready.problem.setting.names.clone();
     let settings = ready.problem.settings.search.clone();
-    let scope = Scope { library, rules, settings, names, off: ready.off.clone(), bold: false };
+    let scope = Scope { library, rules, settings, names, off: ready.off.clone(), bold: false, imperfect: false };
     let first = passes(ready, refitted, &scope, stage, say);
     elsewhere(first, &scope, say).refuse_divergence()
 }
@@ -90,7 +91,7 @@ fn passes<'a>(
     loop {
         let exclude: Vec<String> = scope.rules.exclude.iter().chain(&ready.not_of_time).cloned().collect();
         let rules = Rules { exclude: &exclude, ..*scope.rules };
-        let scope = &Scope { rules: &rules, ..scope.clone() };
+        let scope = &Scope { rules: &rules, imperfect: ready.widened.is_some(), ..scope.clone() };
         let first = OnceCell::new();
         let stage = if pass == Pass::First { stage } else { &first };
         let mut searched = Searched::new(&mut ready, &refitted, scope, stage, say);
@@ -145,7 +146,8 @@ impl<'a> Searched<'a> {
             say(format!("windows of {samples} samples, up to {each} of each record"));
             quick = quick.windows(samples, each, &ready.noise);
         }
-        let mut found = search(&mut ready.problem, &mut quick, refitted, scope, stage, say);
+        let noise = windows.is_some().then_some(&ready.noise);
+        let mut found = search(&mut ready.problem, &mut quick, noise, refitted, scope, stage, say);
         if ready.widened.is_some() {
             let plain = Scope { bold: false, ..scope.clone() };
             straighten(&ready.problem, &quick, &mut found, &plain, say);
@@ -204,7 +206,23 @@ impl<'a> Searched<'a> {
         let judging = Judging { ready: &ready, refitted: &refitted, before: refitted.cost.max(given_cost), level };
         let judged = judging.judge(&mut self.found, free.as_ref(), say);
         let Self { quick, found, .. } = self;
-        Explained { ready, quick, refitted, found, free_shape: free, judged, level, given_cost, diverged: None }
+        let mut explained = Explained {
+            ready,
+            quick,
+            refitted,
+            found,
+            free_shape: free,
+            offsets: Vec::new(),
+            judged,
+            level,
+            given_cost,
+            diverged: None,
+        };
+        if scope.imperfect && !explained.fit().effects.is_empty() {
+            explained.offsets = offsets(&explained.ready.problem, explained.fit());
+            explained.offsets.retain(|offset| scope.allows(offset));
+        }
+        explained
     }
 
     /// Returns the best explanation with one free shape, if that gains enough. It is named by the law that is nearest
@@ -369,7 +387,15 @@ mod tests {
             let (ready, refitted) = (ready.clone(), refitted.clone());
             let names = ready.problem.setting.names.clone();
             let settings = ready.problem.settings.search.clone();
-            let scope = Scope { library: &library, rules: &rules, settings, names, off: Vec::new(), bold: false };
+            let scope = Scope {
+                library: &library,
+                rules: &rules,
+                settings,
+                names,
+                off: Vec::new(),
+                bold: false,
+                imperfect: false,
+            };
             let mut explained = passes(ready, refitted, &scope, &OnceCell::new(), &mut |_| {});
             let at = |place, name: &str, parameters| {
                 let effect = library.effects().find(|effect| effect.name() == name).unwrap();

@@ -53,7 +53,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         let judged = Judgement::new(explained, stochastic, rules, &audit.case.config);
         let same_level = problem.settings.case.same_level;
         let map = |errors: &[_]| locate::map(&problem.records, errors, &ready.noise, judged.plant.rate, same_level);
-        let after = errors(problem, &explained.fit().eta, &explained.fit().effects);
+        let after = errors(problem, &explained.fit().eta, &explained.predicting().effects);
         let maps = [map(&locate::errors(problem)), map(&after)];
         say("evidence beside it".into());
         let linear = |record: &Record| run(&judged.plant, &[], record);
@@ -196,6 +196,7 @@ impl<'f, 'a> Finding<'f, 'a> {
     pub(super) fn simulation(&self, model: &plid_model::Model) -> SimulationWithEffects {
         let (eta, effects) = self.predicting();
         let mut simulation = written(self.explained, model, &eta, &effects, &self.judged.shown, &self.judged.gaps);
+        simulation.intersample = self.audit.intersample();
         self.delay.iter().for_each(|delay| delay.simulated(&mut simulation.effects));
         simulation
     }
@@ -204,7 +205,7 @@ impl<'f, 'a> Finding<'f, 'a> {
     /// all statements have been made. Effects that follow the held-out records worse than the simulation as given or
     /// its refit are left out.
     fn predicting(&self) -> (Vec<f64>, Vec<Placed<'a>>) {
-        let (fit, gap) = (self.explained.fit(), &self.judged.gaps);
+        let (fit, gap) = (self.explained.predicting(), &self.judged.gaps);
         let follows =
             gap.with_effect <= self.explained.ready.problem.settings.judge.no_worse * gap.as_given.min(gap.refit);
         if self.judged.verdict == Verdict::None || !follows {
@@ -212,6 +213,6 @@ impl<'f, 'a> Finding<'f, 'a> {
             let refit = self.explained.refitted.eta.clone();
             return (if gap.refit <= gap.as_given { refit } else { given }, Vec::new());
         }
-        with_all(self.explained).unwrap_or_else(|| (fit.eta.clone(), fit.effects.clone()))
+        with_all(self.explained).unwrap_or((fit.eta, fit.effects))
     }
 }

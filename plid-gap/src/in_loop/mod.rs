@@ -134,7 +134,8 @@ pub fn diagnose_in_loop(
         library.effects().chain(parameters.iter().map(|parameter| parameter as &dyn Effect)).collect();
     require_names(&case.config, effects.iter().copied(), &setting)?;
     let (names, of_search) = (setting.names.clone(), settings.search.clone());
-    let scope = Scope { library, rules: &rules, settings: of_search, names, off: Vec::new(), bold: false };
+    let scope =
+        Scope { library, rules: &rules, settings: of_search, names, off: Vec::new(), bold: false, imperfect: false };
     let search = Search {
         effects,
         scope,

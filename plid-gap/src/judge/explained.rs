@@ -23,6 +23,8 @@ pub struct Explained<'a> {
     pub found: Search<'a>,
     /// The best explanation with the shape of one effect set free, if its own shape does not suffice.
     pub free_shape: Option<FreeShapeFit<'a>>,
+    /// Offsets of the outputs beside it, in an imperfect simulation: part of the prediction, but not of the explanation.
+    pub offsets: Vec<Placed<'a>>,
     /// The adequacy of the best explanation.
     pub judged: Adequacy,
     /// The noise level.
@@ -34,9 +36,16 @@ pub struct Explained<'a> {
 }
 
 impl<'a> Explained<'a> {
-    /// Returns the model that predicts: the best explanation, with a free shape if it needs one.
+    /// Returns the fit of the best explanation, with a free shape if it needs one.
     pub fn fit(&self) -> &Fit<'a> {
         self.free_shape.as_ref().map_or(&self.found.best, |free| &free.fit)
+    }
+
+    /// Returns the model that predicts: the fit, with the offsets of the outputs.
+    pub fn predicting(&self) -> Fit<'a> {
+        let mut fit = self.fit().clone();
+        fit.effects.extend(self.offsets.iter().cloned());
+        fit
     }
 
     /// Returns the RMS of each output's noise, including lines whose phase wanders. If nothing shows the noise level,
@@ -65,6 +74,7 @@ impl<'a> Explained<'a> {
         let JudgeSettings { most_refused: mut tries, most_unknown, .. } = self.ready.problem.settings.judge;
         while let Some(name) = self.unbounded().map(|record| record.name.clone()) {
             self.free_shape = None;
+            self.offsets.clear();
             self.judged.unknown = most_unknown;
             let problem = &self.ready.problem;
             let found = &mut self.found;

@@ -48,7 +48,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let Explained { ready, refitted, found, .. } = explained;
         let (problem, best) = (&ready.problem, &found.best.effects);
         let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
-        let actions = problem.actions(&explained.fit().effects);
+        let actions = problem.actions(&explained.predicting().effects);
         // A refit beyond the stated limits may imitate the effect itself.
         let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
         let bounded = bounded.as_ref().unwrap_or(&refitted.plant);

@@ -10,6 +10,7 @@ mod imagined;
 pub(crate) mod judgement;
 pub(crate) mod locate;
 pub(crate) mod next_experiment;
+pub(crate) mod offsets;
 pub(crate) mod separability;
 pub(crate) mod settle_all;
 pub(crate) mod shares;

@@ -14,7 +14,7 @@ const ALL: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::FINE };
 /// Fits the best explanation to all records; `None` if nothing was held out, or if it fits worse than before.
 pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'a>>)> {
     let ready = &explained.ready;
-    let fit = explained.fit();
+    let fit = explained.predicting();
     if ready.held_out.is_empty() {
         return None;
     }

@@ -48,7 +48,8 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
     let without = |which: usize| -> Blocks {
         let others = others(which);
         let Some(jacobian) = jacobian.as_ref().filter(|_| !others.is_empty()) else { return limits.clone() };
-        let Fit { eta, effects, .. } = problem.fit(jacobian, &fit.eta, &others, WITHOUT);
+        let Fit { eta, mut effects, .. } = problem.fit(jacobian, &fit.eta, &others, WITHOUT);
+        effects.extend(explained.offsets.iter().cloned());
         let eta = clipped(problem, &eta).unwrap_or(eta);
         blocks(&opened, &problem.nuisance.apply(&problem.plant, &eta), &problem.actions(&effects))
     };

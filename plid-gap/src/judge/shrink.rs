@@ -98,7 +98,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     // The prediction from the fitted records is stated first.
     let masked = || vec![Vec::new(); problem.plant.p];
     let whitened = |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, masked());
-    let stated = crossed::stated(problem, explained.fit(), loudest.level(), whitened);
+    let stated = crossed::stated(problem, &explained.predicting(), loudest.level(), whitened);
     let opened = opened(explained);
     let of = |plant: &Plant, actions: &[Action]| blocks(&opened, plant, actions);
     let given = of(&problem.plant, &[]);

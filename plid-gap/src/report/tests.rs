@@ -168,6 +168,7 @@ fn simulation() -> SimulationWithEffects {
         modes: 1,
         linear_with_modal_effects: None,
         refit: vec!["mode 11.00 Hz: frequency 11.000 -> 11.010 Hz".into()],
+        intersample: Default::default(),
         effects: vec![WrittenEffect {
             effect: CUBIC.into(),
             location: "input:u1".into(),

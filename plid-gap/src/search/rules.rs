@@ -89,6 +89,8 @@ pub struct Scope<'s, 'a> {
     pub off: Vec<Step>,
     /// Whether effects on single modes are screened at several sizes.
     pub bold: bool,
+    /// Whether the residual of an earlier explanation counts as noise, because the simulation is imperfect.
+    pub imperfect: bool,
 }
 
 impl Scope<'_, '_> {

@@ -6,13 +6,15 @@ use std::f64::consts::TAU;
 use rayon::prelude::*;
 
 use crate::effects::{Names, Range};
-use crate::fit::candidate::{Candidate, all_same, same};
+use crate::fit::candidate::{Candidate, all_same, in_words, same};
 use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem, sum_of_squares};
 use crate::fit::refit::{Refit, clipped};
+use crate::noise::NoiseModel;
 use crate::search::overlap::{Overlap, of_screen};
 use crate::search::ports::fit_ports;
 use crate::search::rules::Scope;
 use crate::search::screen::{Base, Entry, screen};
+use crate::search::windows::follows;
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
 
@@ -71,10 +73,13 @@ const BEGIN: Effort = Effort { steps: 3, gain: 1.0, fineness: Fineness::COARSE }
 const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
 /// Searches for up to `most_effects` effects: on `quick` (the first samples of the records), then with the best few on
-/// `problem`. `first` is the first stage; it is filled if it is empty. `say` is called with the progress.
+/// `problem`. If `quick` holds `windows`, it gets the first samples again, weighed by this noise, as soon as an
+/// explanation follows them: the windows' initial states hide what is left. `first` is the first stage; it is filled if
+/// it is empty. `say` is called with the progress.
 pub fn search<'a>(
     problem: &mut Problem,
     quick: &mut Problem,
+    mut windows: Option<&NoiseModel>,
     refit: &Refit,
     scope: &Scope<'_, 'a>,
     first: &OnceCell<SearchStage<'a>>,
@@ -85,18 +90,26 @@ pub fn search<'a>(
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
     let mut overlap = None;
+    // One effect may imitate two others better than each of these does alone.
+    let mut runners_up: Vec<Fit> = Vec::new();
     for stage in 0..settings.most_effects {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed);
         let new = || SearchStage::new(problem, quick, &best, &there, &price, [settings.fitted, settings.polished]);
         let own = OnceCell::new();
         let searched = if stage == 0 { first } else { &own }.get_or_init(new);
-        let (entries, fits) = searched.without(problem, quick, &there, &price);
+        let (entries, mut fits) = searched.without(problem, quick, &there, &price);
         if stage == 0 {
             overlap = of_screen(&searched.from.base(quick, scope.bold), &entries[..entries.len().min(settings.fitted)]);
         }
         say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
+        for start in std::mem::take(&mut runners_up) {
+            fits.extend(after(problem, quick, &start, &price, say));
+        }
         let tried: Vec<Candidate> = fits.iter().map(|fit| price.candidate(fit)).collect();
+        if stage == 0 && problem.few() {
+            runners_up = behind_the_best(&fits, &price);
+        }
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
         if problem.few() && price.of(&top) < price.of(&best) {
             let bare = without_last(problem, &top);
@@ -107,7 +120,7 @@ pub fn search<'a>(
             }
         }
         let gain = price.of(&best) - price.of(&top);
-        let material = scope.skips(Step::Material) || material(problem, &best, &top, stage);
+        let material = scope.skips(Step::Material) || material(problem, scope, &best, &top);
         let accepted = gain > settings.accept_gain && material;
         // The best explanation with a further effect that was not accepted is not another explanation.
         if accepted || best.effects.is_empty() {
@@ -122,6 +135,16 @@ pub fn search<'a>(
         if best.effects.len() > 1 && !scope.skips(Step::Questioning) {
             best = question(problem, quick, best, &price, &mut candidates);
         }
+        let whole = |noise: &&NoiseModel| problem.head(settings.first_samples, noise);
+        if let Some(head) = windows.as_ref().map(whole).filter(|head| follows(head, &best.eta, &best.effects)) {
+            *quick = head;
+            windows = None;
+            let further = on_whole(problem, best.clone(), &scope.off);
+            if price.of(&further) < price.of(&best) {
+                candidates.push(price.candidate(&further));
+                best = further;
+            }
+        }
     }
     // An effect that was not accepted must rank behind no effect, whatever its price.
     if best.effects.is_empty() {
@@ -130,6 +153,30 @@ pub fn search<'a>(
     }
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
     Search { best, candidates, stages, overlap }
+}
+
+/// Returns the fits that come next to the best one, the best of them first.
+fn behind_the_best<'a>(fits: &[Fit<'a>], price: &Price) -> Vec<Fit<'a>> {
+    let mut ranked: Vec<&Fit> = fits.iter().collect();
+    ranked.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
+    ranked.into_iter().skip(1).take(price.scope.settings.runners_up).cloned().collect()
+}
+
+/// Returns the fits of a stage that starts from this explanation.
+fn after<'a>(
+    problem: &Problem,
+    quick: &Problem,
+    start: &Fit<'a>,
+    price: &Price<'_, 'a>,
+    say: &mut dyn FnMut(String),
+) -> Vec<Fit<'a>> {
+    let settings = &price.scope.settings;
+    let there = |placed: &Placed| start.effects.iter().any(|other| same(other, placed)) || !price.scope.allows(placed);
+    let searched = SearchStage::new(problem, quick, start, &there, price, [settings.fitted / 2, settings.polished / 2]);
+    let (entries, fits) = searched.without(problem, quick, &there, price);
+    let names = &problem.setting.names;
+    say(format!("with {}, {}", in_words(&start.effects, names), progress(2, &entries, &fits, price, names)));
+    fits
 }
 
 /// Fits a further time without the last effect, from where the fit with it ended. What the linear parameters alone gain
@@ -185,15 +232,20 @@ fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names:
 }
 
 /// Returns whether a further effect explains enough: of the residual, or of the changes of the linear parameters.
-fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool {
+fn material(problem: &Problem, scope: &Scope, before: &Fit, after: &Fit) -> bool {
     let (search, rows) = (&problem.settings.search, problem.rows() as f64);
     let left = |fit: &Fit| sum_of_squares(&fit.residual);
     let explained = left(before) - left(after);
-    // If less is left than the noise that is assumed, the records do not show how much of it is noise.
-    let excess = if left(before) < search.overstated * rows { left(before) } else { left(before) - rows };
+    // If less is left than the noise that is assumed, the records do not show how much of it is noise. Nor do they if an
+    // earlier residual is assumed: a further effect at the same place may then only correct the first one's law.
+    let corrects =
+        after.effects.split_last().is_some_and(|(last, others)| others.iter().any(|e| e.place == last.place));
+    let unknown = scope.imperfect && corrects || left(before) < search.overstated * rows;
+    let excess = if unknown { left(before) } else { left(before) - rows };
     let share = explained / excess.max(search.material_power * rows);
     let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
-    let visible = explained > search.material_power * rows && (stage == 0 || share > search.further_share);
+    let visible =
+        explained > search.material_power * rows && (before.effects.is_empty() || share > search.further_share);
     visible || (straightened > search.straightened_penalty && explained > -search.straightened_penalty)
 }
 

@@ -7,7 +7,7 @@
 
 use crate::case::record::{Channels, Record, rms};
 use crate::fit::free_run::outputs;
-use crate::fit::problem::Problem;
+use crate::fit::problem::{Placed, Problem};
 use crate::fit::refit::Refit;
 use plid_fourier::forward;
 
@@ -29,19 +29,25 @@ impl Windows {
         if problem.nuisance.of_simulation() > settings.strong_numbers {
             return None;
         }
-        let simulated = outputs(problem, &refitted.eta, &[]);
-        let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.is_driven());
-        if driven().all(|(record, simulated)| gap(record, simulated) < settings.windows_gap) {
+        if follows(problem, &refitted.eta, &[]) {
             return None;
         }
+        let driven = || problem.records.iter().filter(|record| record.is_driven());
         let states = problem.plant.n().max(1);
-        let slowest = driven().map(|(record, _)| median_frequency(&record.y)).fold(f64::INFINITY, f64::min);
+        let slowest = driven().map(|record| median_frequency(&record.y)).fold(f64::INFINITY, f64::min);
         let samples = (settings.windows_periods / slowest) as usize;
         Some(Self {
             samples: samples.max(settings.least_window).max(4 * states),
             each: (settings.window_states / states / driven().count()).max(1),
         })
     }
+}
+
+/// Returns whether the free runs with these parameters follow all driven records, so that no windows are needed.
+pub fn follows(problem: &Problem, eta: &[f64], effects: &[Placed]) -> bool {
+    let simulated = outputs(problem, eta, effects);
+    let mut driven = problem.records.iter().zip(&simulated).filter(|(record, _)| record.is_driven());
+    driven.all(|(record, simulated)| gap(record, simulated) < problem.settings.search.windows_gap)
 }
 
 /// The largest relative RMS error of an output.

@@ -33,6 +33,8 @@ group! {
         /// Largest number of linear parameters for which a search uses windows. The fits then use these derivatives,
         /// too.
         strong_numbers: usize = 24, "parameters", 0.0..=1e6;
+        /// Single effects behind the best one to which a second effect is added, too, if the linear parameters are few.
+        runners_up: usize = 2, "effects", 0.0..=100.0;
         /// Most effects in one explanation.
         most_effects: usize = 3, "effects", 1.0..=10.0;
         /// Gain that an effect must have beyond the price of its parameters and of the library: odds of 150 : 1.

@@ -164,6 +164,19 @@ fn a_spring_that_moves_the_resonance_far_is_found() {
     assert!(!spring.shape_differs && found.gap.with_effect < 1.2 * found.gap.noise_floor, "{}", found.sentence);
 }
 
+/// The same spring with a difference between its two directions, and a little that no explanation has. A stop on one
+/// side imitates both parts better than each of them does alone, but not better than both do together.
+#[test]
+fn two_parts_of_a_strong_spring_are_found_behind_what_imitates_them() {
+    fn stiff(d: f64, v: f64) -> f64 {
+        -2e5 * d.powi(3) - 4e3 * d.powi(2) - 0.01 * (40.0 * v).sin()
+    }
+    let found = Axis { mass: 1.0, c: 0.6, k: 400.0, force: stiff, position: true }.diagnosed();
+    assert!(found.gap.as_given > 0.4, "{}", found.sentence);
+    assert_eq!(found.effects[0].effect, "cubic-stiffness", "{}", found.sentence);
+    assert!(found.gap.with_effect < 0.1 * found.gap.as_given, "{}", found.sentence);
+}
+
 /// Gravity on two pendulums of 1.5 Hz, over the torque that moves them: the light one swings far.
 const LIGHT: f64 = 0.35;
 const HEAVY: f64 = 1.2;

@@ -8,6 +8,7 @@ use std::process::Command;
 
 use plid_gap::answer::predict::Predictor;
 use plid_gap::answer::schema::{SimulationWithEffects, Value, WrittenEffect};
+use plid_gap::case::Intersample;
 use plid_gap::effects::{Action, Effect, Flexible, Library, MissingModeStart, Place, Setting};
 use plid_gap::research::{Fineness, Plant, Tone, changed_plant, simulate};
 use plid_model::Model;
@@ -131,6 +132,7 @@ impl Bench {
             modes: self.plant.modes.len(),
             linear_with_modal_effects: changed.map(|plant| plant.to_model(&self.model).to_json()),
             refit: Vec::new(),
+            intersample: intersample(effects),
             effects: written,
             t0: T0,
             noise_rms: vec![0.0; self.plant.p],
@@ -146,8 +148,13 @@ impl Bench {
         let predictor = Predictor::read(&json, &Library::standard()).unwrap();
         let of = |(effect, place): &(&dyn Effect, Place)| effect.act(&self.setting, place, &self.sizes(*effect, place));
         let actions: Vec<Action> = effects.iter().flat_map(of).collect();
-        let written = simulate(&self.plant, &actions, &self.u, T0, None, Fineness::FINE);
+        let written = self.simulated(effects, &actions);
         [written, predictor.run(&self.u, predictor.t0)]
+    }
+
+    /// Returns the outputs with some actions, and with the hold that these effects get.
+    fn simulated(&self, effects: &Effects, actions: &[Action]) -> Channels {
+        simulate(&self.plant, actions, &intersample(effects).held(&self.u), T0, None, Fineness::FINE)
     }
 
     /// Returns the prediction of the script from the file in this folder.
@@ -177,6 +184,11 @@ impl Bench {
             actions.iter().all(|action| matches!(action, Action::Noise))
         })
     }
+}
+
+/// Both holds of the inputs are tried: the first order where several effects act.
+fn intersample(effects: &Effects) -> Intersample {
+    if effects.len() > 1 { Intersample::Foh } else { Intersample::Zoh }
 }
 
 /// Returns the largest difference of an output, relative to its RMS; infinite for a value that is not a number.
@@ -331,7 +343,7 @@ fn judge(of: impl Fn(&Bench, &Effects, &Path) -> [Channels; 2] + Sync) {
             let written = bench.write(effects).effects;
             let words: Vec<String> = written.iter().map(|e| format!("{} at {}", e.effect, e.location)).collect();
             let [right, found] = of(bench, effects, folder.path());
-            let linear = simulate(&bench.plant, &[], &bench.u, T0, None, Fineness::FINE);
+            let linear = bench.simulated(effects, &[]);
             (words.join(" + "), worst(&right, &linear), worst(&right, &found), bench.is_stochastic(effects))
         })
         .collect();
