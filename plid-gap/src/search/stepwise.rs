@@ -236,8 +236,8 @@ fn material(problem: &Problem, scope: &Scope, before: &Fit, after: &Fit) -> bool
     let (search, rows) = (&problem.settings.search, problem.rows() as f64);
     let left = |fit: &Fit| sum_of_squares(&fit.residual);
     let explained = left(before) - left(after);
-    // If less is left than the noise that is assumed, the records do not show how much of it is noise. Nor do they if an
-    // earlier residual is assumed: a further effect at the same place may then only correct the first one's law.
+    // If less is left than the noise that is assumed, the records do not show how much of it is noise. Nor do they if
+    // an earlier residual is assumed: a further effect at the same place may then only correct the first one's law.
     let corrects =
         after.effects.split_last().is_some_and(|(last, others)| others.iter().any(|e| e.place == last.place));
     let unknown = scope.imperfect && corrects || left(before) < search.overstated * rows;

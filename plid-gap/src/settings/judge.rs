@@ -57,8 +57,8 @@ group! {
         /// An explanation is expected to show on held-out records if the standard deviation of its gain exceeds this
         /// multiple of `held_out_gain`: the expected gain is then twice what is required.
         held_out_power: f64 = 8.0, "1", 0.0..=1e6;
-        /// Size of an offset that an explanation leaves, in standard deviations between blocks of the records, from which
-        /// the prediction contains it.
+        /// Size of an offset that an explanation leaves, in standard deviations between blocks of the records, from
+        /// which the prediction contains it.
         offset_deviations: f64 = 2.0, "std", 0.0..=1e6;
         /// Scatter of the gap of one record about the stated gap, as a standard deviation of its logarithm, before any
         /// record has shown it. One record of a lightly damped structure scatters by a tenth.
