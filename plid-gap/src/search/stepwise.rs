@@ -112,12 +112,7 @@ pub fn search<'a>(
         }
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
         if problem.few() && price.of(&top) < price.of(&best) {
-            let bare = without_last(problem, &top);
-            if bare.cost < best.cost {
-                candidates.retain(|candidate| !all_same(&candidate.effects, &bare.effects));
-                candidates.push(price.candidate(&bare));
-                best = bare;
-            }
+            best = without_last(problem, best, &top, &price, &mut candidates);
         }
         let gain = price.of(&best) - price.of(&top);
         let material = scope.skips(Step::Material) || material(problem, scope, &best, &top);
@@ -135,15 +130,10 @@ pub fn search<'a>(
         if best.effects.len() > 1 && !scope.skips(Step::Questioning) {
             best = question(problem, quick, best, &price, &mut candidates);
         }
-        let whole = |noise: &&NoiseModel| problem.head(settings.first_samples, noise);
-        if let Some(head) = windows.as_ref().map(whole).filter(|head| follows(head, &best.eta, &best.effects)) {
+        if let Some(head) = windows.and_then(|noise| followed(problem, &best, noise)) {
             *quick = head;
             windows = None;
-            let further = on_whole(problem, best.clone(), &scope.off);
-            if price.of(&further) < price.of(&best) {
-                candidates.push(price.candidate(&further));
-                best = further;
-            }
+            best = further(problem, best, &price, &mut candidates);
         }
     }
     // An effect that was not accepted must rank behind no effect, whatever its price.
@@ -179,12 +169,45 @@ fn after<'a>(
     fits
 }
 
-/// Fits a further time without the last effect, from where the fit with it ended. What the linear parameters alone gain
-/// on that way is no gain of the effect.
-fn without_last<'a>(problem: &Problem, fit: &Fit<'a>) -> Fit<'a> {
-    let mut fit = fit.clone();
-    fit.effects.pop();
-    polish(problem, fit)
+/// Fits a further time without the last effect, from where the fit with it ended, and returns the better one of this
+/// and the best explanation. What the linear parameters alone gain on that way is no gain of the effect.
+fn without_last<'a>(
+    problem: &Problem,
+    best: Fit<'a>,
+    with: &Fit<'a>,
+    price: &Price<'_, 'a>,
+    candidates: &mut Vec<Candidate<'a>>,
+) -> Fit<'a> {
+    let mut bare = with.clone();
+    bare.effects.pop();
+    let bare = polish(problem, bare);
+    if bare.cost >= best.cost {
+        return best;
+    }
+    candidates.retain(|candidate| !all_same(&candidate.effects, &bare.effects));
+    candidates.push(price.candidate(&bare));
+    bare
+}
+
+/// Returns the first samples of the records if the free runs of an explanation follow them.
+fn followed(problem: &Problem, fit: &Fit, noise: &NoiseModel) -> Option<Problem> {
+    let head = problem.head(problem.settings.search.first_samples, noise);
+    follows(&head, &fit.eta, &fit.effects).then_some(head)
+}
+
+/// Fits the best explanation a further time, and returns the better fit.
+fn further<'a>(
+    problem: &Problem,
+    best: Fit<'a>,
+    price: &Price<'_, 'a>,
+    candidates: &mut Vec<Candidate<'a>>,
+) -> Fit<'a> {
+    let further = on_whole(problem, best.clone(), &price.scope.off);
+    if price.of(&further) >= price.of(&best) {
+        return best;
+    }
+    candidates.push(price.candidate(&further));
+    further
 }
 
 /// Adds parameters of the simulation, such as a gain or a frequency, that the refit changed beyond its other changes.
