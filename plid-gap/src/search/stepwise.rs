@@ -145,11 +145,14 @@ pub fn search<'a>(
     Search { best, candidates, stages, overlap }
 }
 
-/// Returns the fits that come next to the best one, the best of them first.
+/// Returns the fits that come next to the best one, the best of them first; none if the best one leaves only noise.
 fn behind_the_best<'a>(fits: &[Fit<'a>], price: &Price) -> Vec<Fit<'a>> {
+    let settings = &price.scope.settings;
     let mut ranked: Vec<&Fit> = fits.iter().collect();
     ranked.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
-    ranked.into_iter().skip(1).take(price.scope.settings.runners_up).cloned().collect()
+    let left = ranked.first().map_or(0.0, |best| sum_of_squares(&best.residual));
+    let count = if left > settings.imitation_left * price.rows { settings.runners_up } else { 0 };
+    ranked.into_iter().skip(1).take(count).cloned().collect()
 }
 
 /// Returns the fits of a stage that starts from this explanation.

@@ -35,6 +35,8 @@ group! {
         strong_numbers: usize = 24, "parameters", 0.0..=1e6;
         /// Single effects behind the best one to which a second effect is added, too, if the linear parameters are few.
         runners_up: usize = 2, "effects", 0.0..=100.0;
+        /// Power that the best single effect must leave for that, over that of the noise: it then imitates the cause.
+        imitation_left: f64 = 2.0, "1", 1.0..=1e9;
         /// Most effects in one explanation.
         most_effects: usize = 3, "effects", 1.0..=10.0;
         /// Gain that an effect must have beyond the price of its parameters and of the library: odds of 150 : 1.
