@@ -34,6 +34,7 @@ pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f6
 pub(crate) fn written(
     explained: &Explained,
     model: &plid_model::Model,
+    intersample: Intersample,
     eta: &[f64],
     fitted: &[Placed],
     shown: &[&Stochastic],
@@ -75,7 +76,7 @@ pub(crate) fn written(
         modes: plant.modes.len(),
         linear_with_modal_effects: modal.map(|modal| modal.to_model(model).to_json()),
         refit,
-        intersample: Intersample::Zoh,
+        intersample,
         effects,
         t0,
         noise_rms: explained.noise_rms(),

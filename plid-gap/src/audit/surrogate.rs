@@ -59,8 +59,8 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, G
     let fitted: Vec<Record> = fitted_records(case)?.into_iter().cloned().collect();
     let of_simulator = fitted.iter().all(|record| record.simulated.is_some());
     say(format!("identifying a model from {}", if of_simulator { "the simulated outputs" } else { "the records" }));
-    let (linear, fitted, intersample) = either_hold(case, fitted, of_simulator)?;
-    let Linear { mut model, std, error, validation_error } = linear;
+    let (Linear { mut model, std, validation_error }, error, fitted, intersample) =
+        either_hold(case, fitted, of_simulator)?;
     model.inputs.clone_from(&case.config.inputs);
     model.outputs.clone_from(&case.config.outputs);
     model.initial_state = None;
@@ -78,30 +78,31 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, G
     Ok(Surrogate { model, words, prior_std, model_error, intersample })
 }
 
-/// Identifies the model with both holds of the inputs, if it is one of the records, and returns the better one with the
-/// records whose inputs are held so. A simulator gets the samples of its inputs, whatever these do in between.
+/// Identifies the model with both holds of the inputs, if it is one of the records, and returns the better one with its
+/// relative free-run error and the records whose inputs are held so. A simulator gets the samples of its inputs,
+/// whatever these do in between.
 fn either_hold(
     case: &Case,
     fitted: Vec<Record>,
     of_simulator: bool,
-) -> Result<(Linear, Vec<Record>, Intersample), GapError> {
-    let zoh = linear(case, &fitted, of_simulator)?;
+) -> Result<(Linear, f64, Vec<Record>, Intersample), GapError> {
+    let (zoh, error) = linear(case, &fitted, of_simulator)?;
     if !of_simulator {
         let mut straight = fitted.clone();
         straight.iter_mut().for_each(|record| record.u = Intersample::Foh.held(&record.u));
         let values = straight.iter().map(|record| (record.samples() * record.y.len()) as f64).sum::<f64>();
-        let gain = |foh: &Linear| 2.0 * values * (zoh.error / foh.error).ln();
-        if let Ok(foh) = linear(case, &straight, false)
-            && gain(&foh) > case.config.settings.search.accept_gain
+        if let Ok((foh, less)) = linear(case, &straight, false)
+            && 2.0 * values * (error / less).ln() > case.config.settings.search.accept_gain
         {
-            return Ok((foh, straight, Intersample::Foh));
+            return Ok((foh, less, straight, Intersample::Foh));
         }
     }
-    Ok((zoh, fitted, Intersample::Zoh))
+    Ok((zoh, error, fitted, Intersample::Zoh))
 }
 
-/// Identifies the best linear model of records, or of the simulator's outputs for them.
-fn linear(case: &Case, fitted: &[Record], of_simulator: bool) -> Result<Linear, GapError> {
+/// Identifies the best linear model of records, or of the simulator's outputs for them. Returns it with its relative
+/// free-run error on all of them.
+fn linear(case: &Case, fitted: &[Record], of_simulator: bool) -> Result<(Linear, f64), GapError> {
     let target = |record: &Record| match &record.simulated {
         Some(simulated) if of_simulator => matrix(simulated),
         _ => matrix(&record.y),
@@ -128,12 +129,12 @@ fn linear(case: &Case, fitted: &[Record], of_simulator: bool) -> Result<Linear, 
     let head = plid_refine::head(&records).map_err(failed)?;
     let tried = of_simulator && case.config.states.is_none();
     let exact = tried.then(|| itself(&head, &records, rate, settings.exact)).flatten();
-    let mut linear = match exact {
+    let linear = match exact {
         Some(itself) => itself,
         None => fitted_best(&head, &records, case.config.states.unwrap_or(settings.surrogate_states), rate, &options)?,
     };
-    linear.error = relative(&linear.std, &arrays);
-    Ok(linear)
+    let error = relative(&linear.std, &arrays);
+    Ok((linear, error))
 }
 
 /// Returns the records from which a model is identified: those that are set aside for it, or else those that are
@@ -157,8 +158,6 @@ struct Linear {
     model: Model,
     /// Standard deviation of its free-run error on all records, of each output.
     std: Vec<f64>,
-    /// The relative free-run error on all records.
-    error: f64,
     /// Relative free-run error after the heads of the records.
     validation_error: f64,
 }
@@ -182,7 +181,7 @@ fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f
     }
     let samples = records.iter().map(plid_refine::Record::samples).sum::<usize>() as f64;
     let std = sums.iter().map(|(error, output)| (error.max(ROUNDING * output) / samples).sqrt()).collect();
-    (validation_error < exact).then_some(Linear { model: found.model, std, error: 0.0, validation_error })
+    (validation_error < exact).then_some(Linear { model: found.model, std, validation_error })
 }
 
 /// Identifies the best model with this number of states.
@@ -198,7 +197,7 @@ fn fitted_best(
     let choice = plid_refine::best_of(&starts, records, options, &|_, _| true).map_err(failed)?;
     let std = choice.refined.residual_variances.iter().map(|variance| variance.sqrt()).collect();
     let validation_error = choice.scores[choice.chosen].error;
-    Ok(Linear { model: choice.refined.model, std, error: 0.0, validation_error })
+    Ok(Linear { model: choice.refined.model, std, validation_error })
 }
 
 /// Subtracts from the measured outputs the part of the simulator's own outputs that the model does not follow, if these

@@ -195,8 +195,9 @@ impl<'f, 'a> Finding<'f, 'a> {
     /// Returns sim-with-effect.json.
     pub(super) fn simulation(&self, model: &plid_model::Model) -> SimulationWithEffects {
         let (eta, effects) = self.predicting();
-        let mut simulation = written(self.explained, model, &eta, &effects, &self.judged.shown, &self.judged.gaps);
-        simulation.intersample = self.audit.intersample();
+        let intersample = self.audit.intersample();
+        let mut simulation =
+            written(self.explained, model, intersample, &eta, &effects, &self.judged.shown, &self.judged.gaps);
         self.delay.iter().for_each(|delay| delay.simulated(&mut simulation.effects));
         simulation
     }

@@ -6,8 +6,9 @@
 
 use plid_model::signal::mean;
 
+use crate::case::record::{Channels, Record};
 use crate::effects::{Effect, Place, SensorOffset};
-use crate::fit::free_run::errors;
+use crate::fit::free_run::outputs;
 use crate::fit::problem::{Fit, Placed, Problem};
 
 /// Number of blocks of each record whose means tell how certain the mean of all is.
@@ -16,17 +17,20 @@ const BLOCKS: usize = 8;
 /// Returns the offset of each output that an explanation leaves in all driven records together, where it is certain.
 pub fn offsets<'a>(problem: &Problem, fit: &Fit) -> Vec<Placed<'a>> {
     let effect: &dyn Effect = &SensorOffset;
-    let errors = errors(problem, &fit.eta, &fit.effects);
-    let driven =
-        || problem.records.iter().zip(&errors).filter(|(record, _)| record.is_driven()).map(|(_, error)| error);
+    let simulated = outputs(problem, &fit.eta, &fit.effects);
+    let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.is_driven());
     let offset = |o: usize| {
         let place = Place::Output(o);
         let there = |placed: &Placed| placed.effect.name() == effect.name() && placed.place == place;
         if fit.effects.iter().any(there) {
             return None;
         }
-        let blocks = |error: &Vec<f64>| -> Vec<f64> { error.chunks(error.len().div_ceil(BLOCKS)).map(mean).collect() };
-        let certain = certain_mean(&driven().flat_map(|error| blocks(&error[o])).collect::<Vec<f64>>());
+        let blocks = |(record, simulated): (&Record, &Channels)| -> Vec<f64> {
+            let measured = record.y[o].iter().zip(&simulated[o]).filter(|(y, _)| y.is_finite());
+            let error: Vec<f64> = measured.map(|(y, s)| y - s).collect();
+            error.chunks(error.len().div_ceil(BLOCKS).max(1)).map(mean).collect()
+        };
+        let certain = certain_mean(&driven().flat_map(blocks).collect::<Vec<f64>>());
         let parameters = vec![certain.filter(|(_, t)| *t > problem.settings.judge.offset_deviations)?.0];
         Some(Placed { effect, place, parameters })
     };
@@ -66,6 +70,8 @@ mod tests {
         let mut case = testing::case(&sim, &sim);
         for record in &mut case.records {
             record.y[1].iter_mut().for_each(|y| *y += OFFSET);
+            // Missing samples count for nothing.
+            record.y[1][100..400].fill(f64::NAN);
         }
         let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
         let fit = refit(&ready.problem, STEPS).as_fit();

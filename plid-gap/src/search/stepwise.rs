@@ -107,10 +107,12 @@ pub fn search<'a>(
             fits.extend(after(problem, quick, &start, &price, say));
         }
         let tried: Vec<Candidate> = fits.iter().map(|fit| price.candidate(fit)).collect();
-        if stage == 0 && problem.few() {
-            runners_up = behind_the_best(&fits, &price);
+        fits.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
+        let mut ranked = fits.into_iter();
+        let Some(top) = ranked.next() else { break };
+        if stage == 0 && problem.few() && imitates(&top, &price) {
+            runners_up = ranked.take(settings.runners_up).collect();
         }
-        let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
         if problem.few() && price.of(&top) < price.of(&best) {
             best = without_last(problem, best, &top, &price, &mut candidates);
         }
@@ -145,14 +147,9 @@ pub fn search<'a>(
     Search { best, candidates, stages, overlap }
 }
 
-/// Returns the fits that come next to the best one, the best of them first; none if the best one leaves only noise.
-fn behind_the_best<'a>(fits: &[Fit<'a>], price: &Price) -> Vec<Fit<'a>> {
-    let settings = &price.scope.settings;
-    let mut ranked: Vec<&Fit> = fits.iter().collect();
-    ranked.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
-    let left = ranked.first().map_or(0.0, |best| sum_of_squares(&best.residual));
-    let count = if left > settings.imitation_left * price.rows { settings.runners_up } else { 0 };
-    ranked.into_iter().skip(1).take(count).cloned().collect()
+/// Returns whether a single effect leaves so much beyond the noise that it may imitate the cause.
+fn imitates(fit: &Fit, price: &Price) -> bool {
+    sum_of_squares(&fit.residual) > price.scope.settings.imitation_left * price.rows
 }
 
 /// Returns the fits of a stage that starts from this explanation.
