@@ -166,11 +166,23 @@ def sensor_delay(x, p, t, h):
     return np.fft.irfft(np.fft.rfft(x, length) * turn, length)[:len(x)]
 
 
+def saturation(x, p, sharp):
+    # With "r", a limit whose corner is round; without it, the curve of the effect itself.
+    if "r" not in p:
+        return sharp(x)
+    r, ratio = abs(p["r"]), np.abs(x) / p["a"]
+    if r < 1e-3:
+        return np.clip(x, -p["a"], p["a"])
+    below, above = np.minimum(ratio, 1), np.maximum(ratio, 1)  # the power of neither overflows
+    size = np.where(ratio <= 1, below * (1 + below ** (1 / r)) ** -r, (1 + above ** (-1 / r)) ** -r)
+    return np.copysign(p["a"] * size, x)
+
+
 PARTS = {"actuator-delay": 4, "actuator-lag": 8, "actuator-slew-limit": 8, "free-command-path": 2}
 COMMANDS = {
     "actuator-gain": lambda x, p, t, h: p["g"] * x,
     "actuator-gain-drift": lambda x, p, t, h: x * (1 + p["r"] * t),
-    "actuator-saturation": lambda x, p, t, h: p["a"] * np.tanh(x / p["a"]),
+    "actuator-saturation": lambda x, p, t, h: saturation(x, p, lambda x: p["a"] * np.tanh(x / p["a"])),
     "actuator-dead-zone": lambda x, p, t, h: np.sign(x) * np.maximum(np.abs(x) - p["delta"], 0),
     "actuator-crosstalk": lambda x, p, t, h: x + p["c"] * p["from"],
     "actuator-hysteresis": actuator_hysteresis,
@@ -186,7 +198,7 @@ SENSORS = {
     "sensor-gain": lambda x, p, t, h: p["g"] * x,
     "sensor-offset": lambda x, p, t, h: x + p["o"],
     "sensor-drift": lambda x, p, t, h: x + p["s"] * t,
-    "sensor-saturation": lambda x, p, t, h: np.clip(x, -p["a"], p["a"]),
+    "sensor-saturation": lambda x, p, t, h: saturation(x, p, lambda x: np.clip(x, -p["a"], p["a"])),
     "sensor-quantisation": lambda x, p, t, h: np.copysign(np.maximum(abs(x) - p["cut"] * p["q"], 0), x) if p["cut"] > 0 else x,
     "sensor-crosstalk": lambda x, p, t, h: x + p["c"] * p["from"],
     "mains-hum": lambda x, p, t, h: x + p["a"] * np.sin(TAU * p["f"] * t + p["phi"])

@@ -19,6 +19,7 @@ mod added_mass;
 mod added_stiffness;
 mod backlash;
 mod clearance;
+mod clip;
 mod coloured_disturbance;
 mod coulomb_friction;
 mod cubic_stiffness;
@@ -247,6 +248,12 @@ pub trait Effect: Send + Sync {
     /// effect without a shape. It is one of those built in: the one on the same signal, at a place of the same kind,
     /// such as `Some(&Flexible::Command)` for a static curve of a command.
     fn free_shape(&self) -> Option<&'static Flexible> {
+        None
+    }
+
+    /// Returns the family to which it belongs: effects of one kind that records often cannot tell apart at one place,
+    /// such as laws of dry friction. An answer states the probability of the family beside that of the effect.
+    fn family(&self) -> Option<&'static str> {
         None
     }
 
