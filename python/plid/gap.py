@@ -81,6 +81,9 @@ class Effect:
         Its name and its location, such as "coulomb-friction" and "port:hinge".
     confidence : float
         Probability that it is the cause, among all explanations.
+    family : dict or None
+        `name` and `confidence` of the family of effects to which it belongs, such as "dry friction". Records often show
+        the family more clearly than the law.
     parameters : dict
         Value, 95 % interval and unit of each parameter by name.
     share : float or None
@@ -92,6 +95,7 @@ class Effect:
     effect: str
     location: str
     confidence: float
+    family: dict[str, Any] | None
     parameters: dict[str, dict[str, Any]]
     share: float | None
     change: dict[str, Any] | None

@@ -20,6 +20,7 @@ use crate::effects::{Names, Setting, Side};
 use crate::fit::candidate::{Candidate, all_same, in_words, joined, same};
 use crate::fit::problem::Placed;
 use crate::judge::explained::Explained;
+use crate::judge::family::Family;
 use crate::judge::gap::{self, Blocks};
 use crate::judge::locate::Map;
 use crate::judge::separability::{Rival, open};
@@ -69,6 +70,7 @@ pub(crate) fn named(
             effect: placed.effect.name().into(),
             location: placed.place.location(names),
             confidence: confidence(placed) * imitated,
+            family: Family::of(placed, weighted).map(|family| family.imitated(imitated)),
             share: share.map(|share| share.value),
             share_ci95: share.map(|share| share.ci95),
             parameters,
@@ -90,6 +92,7 @@ fn of_stochastic(shown: &Stochastic, setting: &Setting, confidence: f64) -> Name
         effect: placed.effect.name().into(),
         location: placed.place.location(&setting.names),
         confidence,
+        family: None,
         share: None,
         share_ci95: None,
         parameters: all
@@ -251,6 +254,9 @@ pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Bl
     let found = &explained.found;
     let floor = gap.noise_floor;
     let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
+    // What counts as noise is a further cause no more probably than that it is something else.
+    let most = explained.unpredicted.as_ref().map_or(1.0, |_| explained.judged.unknown);
+    let further = |often: f64| often.min(most);
     let place = whereabouts(None, after, &names.outputs, &explained.ready.problem.settings.answer);
     let best = &found.best.effects;
     let last = found.stages.last().map_or(&[][..], Vec::as_slice);
@@ -266,7 +272,7 @@ pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Bl
         } else {
             0.0
         },
-        further_cause: gap::how_often([with], |[with]| beyond(with) > material * material),
+        further_cause: further(gap::how_often([with], |[with]| beyond(with) > material * material)),
         place: RemainderPlace { channels: place.channels, bands_hz: place.bands_hz },
         nearest: more
             .take(MOST_NEAREST)

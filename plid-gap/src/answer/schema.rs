@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::answer::range::FittedRange;
 use crate::case::Intersample;
 use crate::effects::Side;
+pub use crate::judge::family::Family;
 use crate::judge::locate::LevelGap;
 pub use crate::judge::shrink::{Gap, ShrinkOver};
 pub use crate::judge::side::PlaceShare;
@@ -57,6 +58,9 @@ pub struct NamedEffect {
     pub location: String,
     /// Probability that it acts there.
     pub confidence: f64,
+    /// The family of effects to which it belongs, if any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
     /// Share of the squared gap beyond noise and limits that this effect closes on held-out records, while the others
     /// stay; absent for a stochastic effect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -72,6 +76,16 @@ pub struct NamedEffect {
     /// Whether the location is right but the shape only near this one.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub shape_differs: bool,
+}
+
+/// How much more certain a family must be than the effect for an answer to name it.
+const SURER: f64 = 0.1;
+
+impl NamedEffect {
+    /// Returns its family, if that is clearly more certain than its own name.
+    pub fn surer_family(&self) -> Option<&Family> {
+        self.family.as_ref().filter(|family| family.confidence > self.confidence + SURER)
+    }
 }
 
 impl NamedEffect {

@@ -75,6 +75,7 @@ impl WholeDelay {
             location: self.location.clone(),
             confidence: candidates.iter().filter(|c| !c.unknown).map(|c| c.probability).sum(),
             parameters: self.parameters(),
+            family: None,
             share: None,
             share_ci95: None,
             change: None,

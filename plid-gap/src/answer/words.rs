@@ -10,6 +10,7 @@ use crate::judge::explained::Explained;
 use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
 use crate::words::likelihood;
+use plid_report::percent;
 
 /// Returns the evidence in a sentence or two each. `named` are the effects of the answer. `class` is the most probable
 /// explanation, with the explanations that the records cannot separate from it.
@@ -107,11 +108,22 @@ fn limits(explained: &Explained) -> Vec<String> {
             case states."
         )
     });
+    let unpredicted = explained.unpredicted.as_ref().map(|noise| {
+        format!(
+            "No record shows the noise level. The inputs predict at most {} of the innovations of what remains, by any \
+            polynomial that was tried, so it counts as noise.",
+            percent(noise.at_most)
+        )
+    });
     let refused = explained.diverged.as_ref().map(|(effects, record)| {
         let effects = in_words(effects, names);
         format!("{effects} came nearest, but its free run of `{record}` diverges, so it was rejected.")
     });
-    imperfect.into_iter().chain(refused).collect()
+    let fits_noise = (!explained.fits_noise.is_empty()).then(|| {
+        let effects = in_words(&explained.fits_noise, names);
+        format!("{effects} fitted the noise of the other records: it does not explain those that were held out.")
+    });
+    imperfect.into_iter().chain(unpredicted).chain(refused).chain(fits_noise).collect()
 }
 
 /// States what the noise of driven records and the raw values show.

@@ -10,6 +10,7 @@ use crate::fit::refit::{Refit, STEPS, clipped, refit};
 use crate::judge::explained::Explained;
 use crate::judge::gap;
 use crate::judge::offsets::offsets;
+use crate::judge::predictability::Unpredicted;
 use crate::judge::verdict::{Adequacy, FitFigures, adequacy, least_unknown, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
@@ -21,6 +22,7 @@ use crate::search::stepwise::{Search, SearchStage, polish, search, straighten};
 use crate::search::windows::Windows;
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
+use plid_report::percent;
 
 /// Searches with the ports as locations of internal forces. If that does not suffice, searches again with the modes
 /// about which the gap lies. `stage` is the first stage of the first search; it is filled if it is empty.
@@ -36,7 +38,7 @@ pub fn explain<'a>(
     let settings = ready.problem.settings.search.clone();
     let scope = Scope { library, rules, settings, names, off: ready.off.clone(), bold: false, imperfect: false };
     let first = passes(ready, refitted, &scope, stage, say);
-    elsewhere(first, &scope, say).refuse_divergence()
+    elsewhere(first, &scope, say).refuse_divergence().refuse_fits_to_noise()
 }
 
 /// Searches again with locations on single modes if the first search does not suffice, and returns the second result if
@@ -192,7 +194,8 @@ impl<'a> Searched<'a> {
     ) -> Explained<'a> {
         let widened = ready.widened.is_some();
         // With an error of the simulation itself, the last digits of a law do not matter.
-        let shaped = !widened || left(&ready, &refitted, &self.found.best) > scope.settings.shape_left;
+        let shaped =
+            !widened || left(&ready, &refitted, &self.found.best, &ready.noise.rms()) > scope.settings.shape_left;
         let problem = &mut ready.problem;
         let zero = vec![0.0; problem.nuisance.len()];
         let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
@@ -203,7 +206,10 @@ impl<'a> Searched<'a> {
         self.found.best = problem.settled(&self.found.best);
         let best_cost = self.found.best.cost;
         let level = ready.noise_level(&self.simulated, best_cost / ready.problem.rows() as f64);
-        let judging = Judging { ready: &ready, refitted: &refitted, before: refitted.cost.max(given_cost), level };
+        let fit = free.as_ref().map_or(&self.found.best, |free| &free.fit);
+        let unpredicted = (widened && ready.quiet.is_empty()).then(|| Unpredicted::of(&ready.problem, fit)).flatten();
+        let before = refitted.cost.max(given_cost);
+        let judging = Judging { ready: &ready, refitted: &refitted, before, level, unpredicted: unpredicted.as_ref() };
         let judged = judging.judge(&mut self.found, free.as_ref(), say);
         let Self { quick, found, .. } = self;
         let mut explained = Explained {
@@ -215,8 +221,10 @@ impl<'a> Searched<'a> {
             offsets: Vec::new(),
             judged,
             level,
+            unpredicted,
             given_cost,
             diverged: None,
+            fits_noise: Vec::new(),
         };
         if scope.imperfect && !explained.fit().effects.is_empty() {
             explained.offsets = offsets(&explained.ready.problem, explained.fit());
@@ -259,6 +267,8 @@ struct Judging<'j> {
     /// Sum of squares without effects.
     before: f64,
     level: NoiseLevel,
+    /// What the explanation leaves, if that counts as noise.
+    unpredicted: Option<&'j Unpredicted>,
 }
 
 impl Judging<'_> {
@@ -297,10 +307,19 @@ impl Judging<'_> {
             judged.unknown = judged.unknown.max(least_unknown(explained, self.level.seen, settings));
         }
         if self.ready.widened.is_some() {
-            let left = left(self.ready, self.refitted, fit);
+            let noise = self.unpredicted.map_or_else(|| self.ready.noise.rms(), |noise| noise.rms.clone());
+            let left = left(self.ready, self.refitted, fit, &noise);
             say(format!("leaves {left:.3} of the gap beyond noise and limits"));
             judged.left = left * left;
-            judged.unknown = if best.effects.is_empty() { settings.most_unknown } else { outside(left, settings) };
+            judged.unknown = match self.unpredicted {
+                Some(noise) if best.effects.is_empty() => noise.unknown(settings),
+                Some(noise) => outside(left, settings).max(noise.unknown(settings)),
+                None if best.effects.is_empty() => settings.most_unknown,
+                None => outside(left, settings),
+            };
+            if let Some(noise) = self.unpredicted {
+                say(format!("the inputs predict at most {} of it: it counts as noise", percent(noise.at_most)));
+            }
         }
         judged
     }
@@ -350,15 +369,14 @@ fn admit_error(explained: &mut Explained) -> Option<(String, Prepared)> {
 }
 
 /// Returns the amplitude that a fit leaves of the fitted records beyond the noise, over that of the simulation within
-/// its limits.
-fn left(ready: &Prepared, refitted: &Refit, fit: &Fit) -> f64 {
+/// its limits. `noise` is the RMS of each output's noise.
+fn left(ready: &Prepared, refitted: &Refit, fit: &Fit, noise: &[f64]) -> f64 {
     let problem = &ready.problem;
     let within = clipped(problem, &refitted.eta).unwrap_or_else(|| refitted.eta.clone());
-    let noise = ready.noise.rms();
     let beyond = |eta: &[f64], effects: &[Placed]| {
         let driven = problem.records.iter().filter(|record| record.is_driven());
         let measured: Vec<&[Vec<f64>]> = driven.map(|record| record.y.as_slice()).collect();
-        let floor = gap::floor_over(&noise, &measured);
+        let floor = gap::floor_over(noise, &measured);
         let gap = gap::of_driven(&problem.records, &outputs(problem, eta, effects));
         (gap * gap - floor * floor).max(0.0).sqrt()
     };

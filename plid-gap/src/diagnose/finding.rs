@@ -178,7 +178,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             smaller: smaller(self.explained, effects).len(),
             gap: gaps,
             material: self.audit.case.config.material,
-            seen: level.seen,
+            seen: level.seen || self.explained.unpredicted.is_some(),
             remains: remains.as_deref(),
             settings,
         };

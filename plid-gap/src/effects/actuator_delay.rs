@@ -12,6 +12,10 @@ impl Effect for ActuatorDelay {
         Side::Actuator
     }
 
+    fn family(&self) -> Option<&'static str> {
+        Some("a delayed command")
+    }
+
     fn equation(&self) -> &'static str {
         "u'(t) = u(t - tau)"
     }

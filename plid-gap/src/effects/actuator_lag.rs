@@ -13,6 +13,10 @@ impl Effect for ActuatorLag {
         Side::Actuator
     }
 
+    fn family(&self) -> Option<&'static str> {
+        Some("a delayed command")
+    }
+
     fn equation(&self) -> &'static str {
         "the actuator's pole moves to fp (gain at zero frequency 1)"
     }

@@ -12,6 +12,10 @@ impl Effect for Clearance {
         Side::Structure
     }
 
+    fn family(&self) -> Option<&'static str> {
+        Some("a stop or a clearance")
+    }
+
     fn equation(&self) -> &'static str {
         "f = -k (d - g) for d > g, -k (d + g) for d < -g, else 0"
     }

@@ -12,6 +12,10 @@ impl Effect for CoulombFriction {
         Side::Structure
     }
 
+    fn family(&self) -> Option<&'static str> {
+        Some("dry friction")
+    }
+
     fn equation(&self) -> &'static str {
         "f = -F tanh(v/v0)"
     }

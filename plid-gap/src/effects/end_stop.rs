@@ -13,6 +13,10 @@ impl Effect for EndStop {
         Side::Structure
     }
 
+    fn family(&self) -> Option<&'static str> {
+        Some("a stop or a clearance")
+    }
+
     fn equation(&self) -> &'static str {
         "x = abs(d) - g, f = -sign(d) max(k x + c dx/dt, 0) for x > 0, else 0"
     }

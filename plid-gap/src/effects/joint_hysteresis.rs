@@ -23,6 +23,10 @@ impl Effect for JointHysteresis {
         Side::Structure
     }
 
+    fn family(&self) -> Option<&'static str> {
+        Some("dry friction")
+    }
+
     fn equation(&self) -> &'static str {
         "f = -k z, dz/dt = v - (abs(v) z + h v abs(z)) / (2 dy); without h it is 1"
     }

@@ -13,6 +13,10 @@ impl Effect for OneSidedStop {
         Side::Structure
     }
 
+    fn family(&self) -> Option<&'static str> {
+        Some("a stop or a clearance")
+    }
+
     fn equation(&self) -> &'static str {
         "x = sign(s) (d - s), f = -sign(s) max(k x + c dx/dt, 0) for x > 0, else 0"
     }

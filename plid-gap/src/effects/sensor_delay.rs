@@ -15,6 +15,10 @@ impl Effect for SensorDelay {
         Side::Sensor
     }
 
+    fn family(&self) -> Option<&'static str> {
+        Some("a delayed measurement")
+    }
+
     fn equation(&self) -> &'static str {
         "y'(t_k) = y(t_k - tau)"
     }

@@ -13,6 +13,10 @@ impl Effect for SensorLag {
         Side::Sensor
     }
 
+    fn family(&self) -> Option<&'static str> {
+        Some("a delayed measurement")
+    }
+
     fn equation(&self) -> &'static str {
         "y'_k = al y'_{k-1} + (1 - al) y_k, al = exp(-2 pi fc / fs)"
     }

@@ -29,6 +29,10 @@ impl Effect for StickFriction {
         Side::Structure
     }
 
+    fn family(&self) -> Option<&'static str> {
+        Some("dry friction")
+    }
+
     fn equation(&self) -> &'static str {
         "f = -(Fc + (Fs - Fc) exp(-(v/vs)^2)) sign(v); at v = 0 the force that keeps v = 0, of at most Fs"
     }

@@ -13,6 +13,7 @@ use crate::fit::problem::Placed;
 use crate::in_loop::coupling::Response;
 use crate::in_loop::judge::{Judged, confidence};
 use crate::in_loop::problem::{Fit, Problem};
+use crate::judge::family::Family;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::settings::GapSettings;
 
@@ -146,6 +147,7 @@ pub(super) fn named(problem: &Problem, best: &Fit, weighted: &[Weighted], shares
             effect: placed.effect.name().into(),
             location: placed.place.location(&setting.names),
             confidence: confidence(weighted, placed),
+            family: Family::of(placed, weighted),
             share: *share,
             share_ci95: None,
             parameters,

@@ -5,6 +5,8 @@ use crate::fit::candidate::{Candidate, all_same};
 use crate::fit::free_run::run;
 use crate::fit::problem::{Fit, Placed, Problem};
 use crate::fit::refit::Refit;
+use crate::judge::predictability::Unpredicted;
+use crate::judge::shrink::{blocks, opened};
 use crate::judge::verdict::Adequacy;
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::shape::FreeShapeFit;
@@ -29,10 +31,14 @@ pub struct Explained<'a> {
     pub judged: Adequacy,
     /// The noise level.
     pub level: NoiseLevel,
+    /// What it leaves, if no record shows the noise level and the inputs do not predict it.
+    pub unpredicted: Option<Unpredicted>,
     /// Sum of squares of the simulation as given.
     pub given_cost: f64,
     /// An explanation that was refused because its free run of a record diverges, with that record.
     pub diverged: Option<(Vec<Placed<'a>>, String)>,
+    /// Effects that were refused because they fit noise.
+    pub fits_noise: Vec<Placed<'a>>,
 }
 
 impl<'a> Explained<'a> {
@@ -49,8 +55,11 @@ impl<'a> Explained<'a> {
     }
 
     /// Returns the RMS of each output's noise, including lines whose phase wanders. If nothing shows the noise level,
-    /// it is at most that of the residual.
+    /// it is that of the residual where this counts as noise, and elsewhere at most that of the residual.
     pub fn noise_rms(&self) -> Vec<f64> {
+        if let Some(unpredicted) = &self.unpredicted {
+            return unpredicted.rms.clone();
+        }
         let noise = self.ready.noise.rms().into_iter().map(|rms| rms * self.level.factor.min(1.0).sqrt());
         let lines = |o: usize| self.ready.wandering.iter().map(|line| line.rms[o].powi(2)).sum::<f64>();
         noise.enumerate().map(|(o, noise)| (noise * noise + lines(o)).sqrt()).collect()
@@ -74,6 +83,7 @@ impl<'a> Explained<'a> {
         let JudgeSettings { most_refused: mut tries, most_unknown, .. } = self.ready.problem.settings.judge;
         while let Some(name) = self.unbounded().map(|record| record.name.clone()) {
             self.free_shape = None;
+            self.unpredicted = None;
             self.offsets.clear();
             self.judged.unknown = most_unknown;
             let problem = &self.ready.problem;
@@ -89,6 +99,29 @@ impl<'a> Explained<'a> {
             let refused = std::mem::replace(&mut found.best, next.unwrap_or_else(|| self.refitted.as_fit()));
             self.diverged.get_or_insert((refused.effects, name));
         }
+        self
+    }
+
+    /// Replaces an explanation that leaves most of the gap on held-out records by the refit, if no record shows the
+    /// noise level and the inputs do not predict what the refit leaves.
+    pub(crate) fn refuse_fits_to_noise(mut self) -> Self {
+        let Prepared { problem, widened, quiet, .. } = &self.ready;
+        let without = self.refitted.as_fit();
+        let gap = |fit: &Fit| {
+            let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+            blocks(&opened(&self), &plant, &problem.actions(&fit.effects)).gap()
+        };
+        let enough = |with: f64| with < problem.settings.judge.most_left * gap(&without);
+        if widened.is_none() || !quiet.is_empty() || self.fit().effects.is_empty() || enough(gap(&self.predicting())) {
+            return self;
+        }
+        let Some(unpredicted) = Unpredicted::of(problem, &without) else { return self };
+        self.judged.unknown = unpredicted.unknown(&problem.settings.judge);
+        self.unpredicted = Some(unpredicted);
+        self.free_shape = None;
+        self.offsets.clear();
+        self.found.candidates.retain(|candidate| candidate.effects.is_empty() || candidate.priced >= without.cost);
+        self.fits_noise = std::mem::replace(&mut self.found.best, without).effects;
         self
     }
 

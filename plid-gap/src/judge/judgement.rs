@@ -5,6 +5,7 @@ use crate::case::CaseConfig;
 use crate::effects::Action;
 use crate::fit::refit::clipped;
 use crate::judge::explained::Explained;
+use crate::judge::family::with_kin;
 use crate::judge::gap::Blocks;
 use crate::judge::held_out::{HeldOut, held_out};
 use crate::judge::shares::{Share, shares};
@@ -67,6 +68,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
             u.gain > problem.settings.search.stochastic_gain
                 && rules.allow(&u.placed, names)
                 && wandering(&u.placed, best, near_line).is_none()
+                && !explained.unpredicted.as_ref().is_some_and(|noise| noise.hides(&u.placed))
         };
         let shown: Vec<&Stochastic> = stochastic.iter().filter(enters).collect();
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
@@ -94,13 +96,20 @@ fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, materia
     }
 }
 
+/// Returns whether the first explanation with effects, together with those that differ from it only by other members of
+/// the same families, is more probable than this.
+fn kin_is_more_probable(weighted: &[Weighted], probability: f64) -> bool {
+    let first = weighted.iter().find(|w| !w.unknown);
+    first.is_some_and(|first| !first.effects.is_empty() && with_kin(&first.effects, weighted) > probability)
+}
+
 fn verdict(explained: &Explained, weighted: &[Weighted], shown: &[&Stochastic], gaps: &Gap, material: f64) -> Verdict {
     // If a simulation within its limits leaves less than a material gap, nothing matters.
     let immaterial = explained.ready.widened.is_some() && gaps.beyond_noise(gaps.within_limits) < material;
     match weighted.first() {
         Some(top) if immaterial && (top.unknown || explained.found.best.effects.is_empty()) => Verdict::None,
-        Some(top) if top.unknown => Verdict::Unknown,
-        Some(top) if top.effects.is_empty() => Verdict::None,
+        Some(top) if top.unknown && !kin_is_more_probable(weighted, top.probability) => Verdict::Unknown,
+        Some(top) if !top.unknown && top.effects.is_empty() => Verdict::None,
         // Stochastic effects are not a part of the gap, which may be small although they matter.
         Some(_) if shown.is_empty() && gaps.as_given < material => Verdict::None,
         Some(_) => Verdict::Effects,

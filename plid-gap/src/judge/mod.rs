@@ -4,6 +4,7 @@
 pub(crate) mod crossed;
 mod experiments;
 pub(crate) mod explained;
+pub(crate) mod family;
 pub(crate) mod gap;
 pub(crate) mod held_out;
 mod imagined;
@@ -11,6 +12,7 @@ pub(crate) mod judgement;
 pub(crate) mod locate;
 pub(crate) mod next_experiment;
 pub(crate) mod offsets;
+pub(crate) mod predictability;
 pub(crate) mod separability;
 pub(crate) mod settle_all;
 pub(crate) mod shares;

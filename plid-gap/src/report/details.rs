@@ -4,6 +4,7 @@ use plid_report::{Axis, Cell, Chart, Report, Series, Table, chart};
 
 use super::words::{at, explanation, percent};
 use super::{GIVEN, REFERENCE, WITH, shrink, whereabouts};
+use crate::answer::schema::NamedEffect;
 use crate::case::Case;
 use crate::diagnose::Outcome;
 use crate::plant::plain_hz;
@@ -33,6 +34,7 @@ fn parameters(report: Report, outcome: &Outcome) -> Report {
         .column("effect", "")
         .column("place", "")
         .column("sure", "%")
+        .column("family", "")
         .column("parameter", "")
         .column("value", "")
         .column("95 % interval", "")
@@ -43,6 +45,7 @@ fn parameters(report: Report, outcome: &Outcome) -> Report {
             format!("{}{shape}", effect.effect).into(),
             effect.location.as_str().into(),
             Cell::fixed(100.0 * effect.confidence, 1),
+            family(effect).into(),
         ];
         for (name, value) in &effect.parameters {
             let interval = value.ci95.filter(|ends| ends.iter().all(|x| x.is_finite()));
@@ -51,7 +54,7 @@ fn parameters(report: Report, outcome: &Outcome) -> Report {
             });
             let unit: &str = if value.unit.is_empty() { "1" } else { &value.unit };
             head.extend([name.as_str().into(), Cell::significant(value.value, 4), interval, unit.into()]);
-            table = table.row(std::mem::replace(&mut head, vec!["".into(), "".into(), "".into()]));
+            table = table.row(std::mem::replace(&mut head, vec!["".into(); 4]));
         }
         if effect.parameters.is_empty() {
             table = table.row(head);
@@ -62,6 +65,12 @@ fn parameters(report: Report, outcome: &Outcome) -> Report {
         report = report.paragraph(format!("{}: {}", at(&written.effect, &written.location), written.equation));
     }
     report
+}
+
+/// Returns the family of an effect with its probability: "dry friction, 97 % sure".
+fn family(effect: &NamedEffect) -> String {
+    let family = effect.family.as_ref();
+    family.map_or_else(String::new, |family| format!("{}, {:.0} % sure", family.name, 100.0 * family.confidence))
 }
 
 fn explanations(report: Report, outcome: &Outcome, case: &Case) -> Report {

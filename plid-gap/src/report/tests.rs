@@ -102,6 +102,7 @@ fn diagnosis() -> Diagnosis {
             share: None,
             share_ci95: None,
             confidence: 0.93,
+            family: None,
             parameters: parameters(),
             change: Some(Change {
                 number: "factor of input u1".into(),

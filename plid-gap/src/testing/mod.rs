@@ -4,6 +4,7 @@ pub mod arm;
 mod axis;
 mod blind;
 mod truss;
+mod unquiet;
 
 use nalgebra::DMatrix;
 use plid_model::Model;

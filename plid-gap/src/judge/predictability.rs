@@ -1,0 +1,283 @@
+//! How much of what an explanation leaves can be predicted from the inputs at all.
+//!
+//! The residual of a sound simulation is noise: its own past predicts a part of it, and the inputs add nothing to that.
+//! An effect that is missing is a function of the inputs, so with them the residual is predicted better than from its
+//! past alone (Granger, *Econometrica* 37, 1969, 424). Two predictors of the next value are compared by
+//! cross-validation over blocks of the records: a linear one of past residuals, and the same with polynomials of the
+//! inputs and the simulated outputs, as in a polynomial NARX model (Billings, *Nonlinear System Identification*, 2013,
+//! chapter 2). A residual that is sampled much faster than it changes is predicted from its own past whatever its cause,
+//! so the prediction reaches further ahead there.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::case::record::{Channels, Record, rms};
+use crate::effects::{Observation, Place};
+use crate::fit::free_run::outputs;
+use crate::fit::problem::{Fit, Placed, Problem};
+use crate::judge::gap;
+use crate::settings::JudgeSettings;
+
+/// Fewest and most past values of the residual from which the next one is predicted. In between it is the order of the
+/// simulation.
+const PAST: [usize; 2] = [12, 40];
+
+/// Steps of the prediction, in samples. The first is taken at which the past leaves enough of the residual.
+const STEPS: [usize; 5] = [1, 2, 4, 8, 16];
+
+/// Share of the residual's power that its past must leave unpredicted.
+const LEFT_BY_PAST: f64 = 0.1;
+
+/// Delays in steps with which the inputs enter.
+const INPUT_DELAYS: [usize; 2] = [0, 1];
+
+/// Delays in steps with which the simulated outputs enter.
+const OUTPUT_DELAYS: [usize; 4] = [0, 1, 3, 7];
+
+/// Most of these signals. Their products up to the third degree are 219 polynomials.
+const MOST_SIGNALS: usize = 9;
+
+/// Most samples that are used, of all records together.
+const MOST_SAMPLES: usize = 8000;
+
+/// Number of blocks. Each is predicted from the others.
+const BLOCKS: usize = 8;
+
+/// Fewest samples in a block, over the number of past values.
+const SAMPLES_PER_PAST: usize = 3;
+
+/// Penalties on the squared coefficients of the polynomials, of which the one that predicts best is taken.
+const PENALTIES: [f64; 6] = [1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0];
+
+/// Penalty on the other coefficients. It only keeps the equations regular.
+const REGULAR: f64 = 1e-10;
+
+/// The share of the innovations of a residual that the inputs predict, by which they reduce the squared error of its
+/// prediction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Predictability {
+    /// The share. It is below zero if the inputs only disturb the prediction.
+    pub share: f64,
+    /// Its standard deviation, from its scatter between the blocks.
+    pub std: f64,
+}
+
+impl Predictability {
+    /// Returns the share that the inputs may predict: the estimate and two standard deviations.
+    pub fn at_most(self) -> f64 {
+        self.share.max(0.0) + 2.0 * self.std
+    }
+}
+
+/// What an explanation leaves, if it counts as noise because the inputs do not predict it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unpredicted {
+    /// The share of its innovations that the inputs may predict, at the output where that is largest.
+    pub at_most: f64,
+    /// Its RMS at each output, over all driven records.
+    pub rms: Vec<f64>,
+}
+
+impl Unpredicted {
+    /// Returns what a fit leaves, if the inputs do not predict it and it is not so large that it would have been noticed
+    /// as noise.
+    pub fn of(problem: &Problem, fit: &Fit) -> Option<Self> {
+        let settings = &problem.settings.judge;
+        let simulated = outputs(problem, &fit.eta, &fit.effects);
+        if gap::of_driven(&problem.records, &simulated) > settings.most_noise {
+            return None;
+        }
+        let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.is_driven());
+        let all = predictability(problem, &simulated)?;
+        let at_most = all.into_iter().map(Predictability::at_most).fold(0.0, f64::max);
+        let of = |(record, simulated): (&Record, &Channels), o: usize| -> Vec<f64> {
+            let both = record.y[o].iter().zip(&simulated[o]);
+            both.map(|(y, simulated)| y - simulated).filter(|error| error.is_finite()).collect()
+        };
+        let left = |o: usize| rms(&driven().flat_map(|record| of(record, o)).collect::<Vec<f64>>());
+        (at_most < settings.noise_predicted).then(|| Self { at_most, rms: (0..problem.plant.p).map(left).collect() })
+    }
+
+    /// Returns the least probability of something else: that of answers without a known noise level, and more the more
+    /// the inputs may predict.
+    pub fn unknown(&self, settings: &JudgeSettings) -> f64 {
+        let JudgeSettings { least_unknown, most_unknown, noise_unknown, noise_predicted, .. } = *settings;
+        let doubt = self.at_most / (self.at_most + noise_predicted);
+        least_unknown + noise_unknown + (most_unknown - least_unknown) * doubt
+    }
+
+    /// Returns whether it hides an effect: the steps of a converter that are smaller than this noise.
+    pub fn hides(&self, placed: &Placed) -> bool {
+        match (placed.effect.observed_in(), &placed.place) {
+            (Observation::Quantisation, Place::Output(o)) => placed.parameters[0] < self.rms[*o],
+            _ => false,
+        }
+    }
+}
+
+/// Returns the predictability of what an explanation leaves of each output in the driven records; `None` if these are
+/// too short.
+fn predictability(problem: &Problem, simulated: &[Channels]) -> Option<Vec<Predictability>> {
+    let past = problem.plant.n().clamp(PAST[0], PAST[1]);
+    let driven: Vec<Driven> = problem
+        .records
+        .iter()
+        .zip(simulated)
+        .filter(|(record, _)| record.is_driven())
+        .map(|(record, simulated)| Driven { record, residual: record.error(simulated), simulated })
+        .collect();
+    (0..problem.plant.p).map(|o| of_output(&driven, o, past)).collect()
+}
+
+fn of_output(driven: &[Driven], output: usize, past: usize) -> Option<Predictability> {
+    let each = MOST_SAMPLES / driven.len().max(1);
+    let rows = |step: usize, all: bool| -> Vec<Row> {
+        driven.iter().flat_map(|driven| driven.rows((output, past, step), each, all)).collect()
+    };
+    let alone = STEPS.map(|step| (step, blocks(&rows(step, false), past)));
+    let (step, alone) = alone.iter().find_map(|(step, blocks)| {
+        let blocks = blocks.as_ref()?;
+        let power: f64 = blocks.iter().map(|block| block.power).sum();
+        let errors = errors(blocks, past + 1, 0.0);
+        (errors.iter().sum::<f64>() > LEFT_BY_PAST * power).then_some((*step, errors))
+    })?;
+    compared(&alone, &blocks(&rows(step, true), past)?, past + 1)
+}
+
+/// A driven record beside its simulation.
+struct Driven<'r> {
+    record: &'r Record,
+    simulated: &'r Channels,
+    residual: Channels,
+}
+
+/// A value of the residual, and what predicts it: past values, a constant, and the polynomials.
+struct Row {
+    value: f64,
+    regressors: Vec<f64>,
+}
+
+impl Driven<'_> {
+    /// Returns the signals of the polynomials, each with its delay: first all channels without delay.
+    fn signals(&self) -> Vec<(&[f64], usize)> {
+        let mut signals: Vec<(&[f64], usize)> = Vec::new();
+        for turn in 0..INPUT_DELAYS.len().max(OUTPUT_DELAYS.len()) {
+            let inputs = INPUT_DELAYS.get(turn).map(|&delay| (&self.record.u, delay));
+            let outputs = OUTPUT_DELAYS.get(turn).map(|&delay| (self.simulated, delay));
+            for (channels, delay) in inputs.into_iter().chain(outputs) {
+                signals.extend(channels.iter().map(|channel| (channel.as_slice(), delay)));
+            }
+        }
+        signals.truncate(MOST_SIGNALS);
+        signals
+    }
+
+    /// Returns the polynomials of the first samples: the signals, their magnitudes, their direction, and their products
+    /// of two and of three. A signal of unit RMS is used before it begins with its first value.
+    fn polynomials(&self, samples: usize, step: usize) -> Vec<Vec<f64>> {
+        let signals: Vec<Vec<f64>> = self
+            .signals()
+            .into_iter()
+            .map(|(signal, delay)| {
+                let size = rms(signal).max(f64::MIN_POSITIVE);
+                let samples = samples.min(signal.len());
+                (0..samples).map(|k| signal[k.saturating_sub(step * delay)] / size).collect()
+            })
+            .collect();
+        let count = signals.first().map_or(0, Vec::len);
+        (0..count)
+            .map(|k| {
+                let now: Vec<f64> = signals.iter().map(|signal| signal[k]).collect();
+                let direction = |signal: &Vec<f64>| (signal[k] - signal[k.saturating_sub(step)]).signum();
+                let mut all = now.clone();
+                all.extend(now.iter().map(|x| x.abs()));
+                all.extend(signals.iter().map(direction));
+                for (i, x) in now.iter().enumerate() {
+                    for (j, y) in now.iter().enumerate().skip(i) {
+                        all.push(x * y);
+                        all.extend(now[j..].iter().map(|z| x * y * z));
+                    }
+                }
+                all
+            })
+            .collect()
+    }
+
+    /// Returns the rows of an output with so many past values at a step, of the first samples, with the polynomials if
+    /// `all`. Rows that need a missing sample are left out.
+    fn rows(&self, (output, past, step): (usize, usize, usize), samples: usize, all: bool) -> Vec<Row> {
+        let (measured, residual) = (&self.record.y[output], &self.residual[output]);
+        let polynomials = if all { self.polynomials(samples, step) } else { Vec::new() };
+        let there = |k: &usize| (0..=past).all(|delay| measured[k - step * delay].is_finite());
+        let row = |k: usize| {
+            let before = (1..=past).map(|delay| residual[k - step * delay]);
+            let further = polynomials.get(k).into_iter().flatten().copied();
+            Row { value: residual[k], regressors: before.chain([1.0]).chain(further).collect() }
+        };
+        (past * step..samples.min(residual.len())).filter(there).map(row).collect()
+    }
+}
+
+/// Returns the normal equations of all blocks; `None` with too few rows.
+fn blocks(rows: &[Row], past: usize) -> Option<Vec<Normal>> {
+    let each = rows.len() / BLOCKS;
+    (each >= SAMPLES_PER_PAST * past).then(|| rows.chunks(each).take(BLOCKS).map(Normal::of).collect())
+}
+
+/// Compares the errors of the predictor from the past with those of the one that also knows the polynomials. The first
+/// `known` coefficients belong to both.
+fn compared(alone: &[f64], blocks: &[Normal], known: usize) -> Option<Predictability> {
+    let total = |errors: &[f64]| errors.iter().sum::<f64>();
+    let with = PENALTIES.map(|penalty| errors(blocks, known, penalty));
+    let best = with.iter().min_by(|a, b| total(a).total_cmp(&total(b)))?;
+    let mean = total(alone) / BLOCKS as f64;
+    let shares: Vec<f64> = alone.iter().zip(best).map(|(alone, with)| (alone - with) / mean).collect();
+    let share = total(&shares) / BLOCKS as f64;
+    let variance = shares.iter().map(|x| (x - share).powi(2)).sum::<f64>() / (BLOCKS - 1) as f64;
+    Some(Predictability { share, std: (variance / BLOCKS as f64).sqrt() })
+}
+
+/// The normal equations of a block.
+struct Normal {
+    /// Sum of x xᵀ over the rows.
+    square: DMatrix<f64>,
+    /// Sum of x y.
+    product: DVector<f64>,
+    /// Sum of y².
+    power: f64,
+}
+
+impl Normal {
+    fn of(rows: &[Row]) -> Self {
+        let x = DMatrix::from_fn(rows[0].regressors.len(), rows.len(), |i, k| rows[k].regressors[i]);
+        let y = DVector::from_fn(rows.len(), |k, _| rows[k].value);
+        Self { square: &x * x.transpose(), product: &x * &y, power: y.norm_squared() }
+    }
+
+    /// Returns the sum of squared errors with these coefficients.
+    fn error(&self, coefficients: &DVector<f64>) -> f64 {
+        self.power - 2.0 * self.product.dot(coefficients) + coefficients.dot(&(&self.square * coefficients))
+    }
+}
+
+/// Returns the squared error of each block, predicted with the coefficients that the other blocks give. All but the
+/// first `known` coefficients are penalised, each in the scale of its regressor.
+fn errors(blocks: &[Normal], known: usize, penalty: f64) -> Vec<f64> {
+    let count = blocks[0].product.len();
+    let mut whole = (DMatrix::zeros(count, count), DVector::zeros(count));
+    for block in blocks {
+        whole.0 += &block.square;
+        whole.1 += &block.product;
+    }
+    let without = |block: &Normal| {
+        let mut square = &whole.0 - &block.square;
+        let product = &whole.1 - &block.product;
+        for i in 0..count {
+            let scale = square[(i, i)].max(f64::MIN_POSITIVE);
+            square[(i, i)] += scale * if i < known { REGULAR } else { penalty.max(REGULAR) };
+        }
+        let coefficients = square.cholesky().map(|factor| factor.solve(&product));
+        // Without a solution nothing is predicted.
+        coefficients.map_or(block.power, |coefficients| block.error(&coefficients))
+    };
+    blocks.iter().map(without).collect()
+}
