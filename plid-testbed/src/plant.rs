@@ -126,9 +126,9 @@ pub(crate) fn altered(config: &TrussConfig, truss: &Truss) -> Truss {
     effects::loads(&config.effects).into_iter().fold(altered, |truss, load| loaded(config, truss, load))
 }
 
-/// The plant with a force f = -m dv/dt - c v - k d at a port. With b for what a force adds to dx/dt and r for the row of
-/// the velocity, dv/dt = r dx/dt, so that m takes the share m r b / (1 + m r b) from all that moves the port.
-/// Its m, c and k are positive, so that a stable plant stays stable.
+/// The plant with a force f = -m dv/dt - c v - k d at a port. With b for what a force adds to dx/dt and r for the row
+/// of the velocity, dv/dt = r dx/dt, so m takes the share m r b / (1 + m r b) from all that moves the port. Its m, c
+/// and k are positive, so a stable plant stays stable.
 fn loaded(config: &TrussConfig, mut truss: Truss, load: Load) -> Truss {
     let port = truss.ports[load.port].clone();
     let n = truss.continuous.states();

@@ -64,8 +64,8 @@ pub struct Draw {
     pub ports: f64,
     /// Kinds of plants, drawn with equal probability among those on which the effects of a case make sense.
     pub plants: Vec<PlantKind>,
-    /// Numbers of channels, drawn with equal probability; of a plant that has fewer, all that it has. An effect from one
-    /// channel into another gets all channels.
+    /// Numbers of channels, drawn with equal probability; of a plant that has fewer, all that it has. An effect from
+    /// one channel into another gets all channels.
     pub channels: Vec<Channels>,
     /// Kinds of experiments, drawn with equal probability.
     pub experiments: Vec<Experiment>,

@@ -86,8 +86,9 @@ pub const VOCABULARY: [Kind; 32] = [
 ];
 
 /// The rest of the vocabulary of the diagnosis: effects that are drawn only on bodies on axes, such as a motor or an
-/// arm. On a structure, a mass, a damper or a spring is what it does to the frequencies and damping ratios of all modes.
-/// Stops and friction that sticks have its clearance and its Stribeck curve for near relatives, and nothing swings.
+/// arm. On a structure, a mass, a damper or a spring is what it does to the frequencies and damping ratios of all
+/// modes. Stops and friction that sticks have its clearance and its Stribeck curve for near relatives, and nothing
+/// swings.
 pub const OF_AXES: [Kind; 8] = [
     kind("added-mass", MODAL, At::Input, &[]),
     kind("added-damping", MODAL, At::Input, &[]),

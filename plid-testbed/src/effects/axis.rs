@@ -53,10 +53,11 @@ const STICKS: &str = "kind = \"stick-friction\"\nslides_v = 0.8\nholds_v = 1.1\n
 /// Below the holding force nothing moves at all; above it, the axis breaks away.
 #[test]
 fn friction_holds_up_to_its_limit() {
-    // 1 V in 1100 samples.
+    // 1.1 V in 1100 samples.
     let moved = run(slider(), STICKS, [0.0; 2], 1300, |k| k as f64 / 1100.0 * 1.1);
-    assert!(moved[..=1100].iter().all(|[d, v]| *d == 0.0 && *v == 0.0));
-    assert!(moved[1200][1] > 0.05, "{:?}", moved[1200]);
+    assert!(moved[..1100].iter().all(|[d, v]| d.abs() < 1e-15 && v.abs() < 1e-15));
+    // Without the fall of the friction it would have 0.5 V/s t^2 / 2 after 0.2 s.
+    assert!(moved[1200][1] > 0.01, "{:?}", moved[1200]);
 }
 
 /// A sliding axis is braked by Fc and stops after v^2 / (2 Fc), to the order of a step, and stays there.
@@ -110,7 +111,7 @@ fn backlash_frees_the_joint() {
     assert!((largest - (0.1 + 1.0 / w)).abs() < 1e-4, "{largest}");
 }
 
-/// T / T0 = 1 + a^2 / 16 + 11 a^4 / 3072 for a pendulum that swings by a.
+/// T / T0 = 1 + a^2 / 16 + 11 a^4 / 3072 + 173 a^6 / 737280 for a pendulum that swings by a.
 #[test]
 fn a_pendulum_swings_more_slowly_the_farther_it_swings() {
     let w: f64 = TAU;
@@ -122,7 +123,7 @@ fn a_pendulum_swings_more_slowly_the_farther_it_swings() {
             .map(|k| k as f64 - moved[k][0] / (moved[k][0] - moved[k - 1][0]))
             .collect();
         let period_s = (upward[upward.len() - 1] - upward[0]) / (upward.len() - 1) as f64 / RATE;
-        let expected = 1.0 + a * a / 16.0 + 11.0 / 3072.0 * a.powi(4);
+        let expected = 1.0 + a * a / 16.0 + 11.0 / 3072.0 * a.powi(4) + 173.0 / 737_280.0 * a.powi(6);
         assert!((period_s / expected - 1.0).abs() < 1e-4, "{a}: {period_s}, not {expected}");
     }
 }

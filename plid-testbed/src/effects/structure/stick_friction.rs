@@ -9,6 +9,7 @@ use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
+use crate::state_space::multiply_add;
 
 /// f = -(Fc + (Fs - Fc) exp(-(v / vs)^2)) sign(v); at v = 0 the force that keeps v = 0, of at most Fs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,12 +39,13 @@ pub enum StickLaw {
     Lorentzian,
 }
 
-/// Moreau's time stepping: the impulse is the one that stops the port, or the largest that the friction gives.
+/// Moreau's time stepping with a force that is constant over a step: the one that stops the port at its end, or the
+/// largest that the friction gives. Over h, a force f adds (h b + h^2 / 2 A b) f to the state, up to terms in h^3.
 struct Sticking {
     port: StrutPort,
     friction: StickFriction,
-    /// Acceleration of the port by a force of 1 V, 1/s^2.
-    mobility: f64,
+    /// A b, with b for what a force of 1 V adds to dx/dt.
+    later: Vec<f64>,
 }
 
 impl StructureEffect for Sticking {
@@ -51,8 +53,12 @@ impl StructureEffect for Sticking {
 
     fn settle(&self, h_s: f64, x: &mut [f64]) {
         let v = dot(&self.port.velocity, x);
-        let most = self.friction.limit(v) * h_s;
-        add_scaled(x, &self.port.force, (-v / self.mobility).clamp(-most, most));
+        let by_one =
+            h_s * dot(&self.port.velocity, &self.port.force) + h_s * h_s / 2.0 * dot(&self.port.velocity, &self.later);
+        let most = self.friction.limit(v);
+        let force = (-v / by_one).clamp(-most, most);
+        add_scaled(x, &self.port.force, h_s * force);
+        add_scaled(x, &self.later, h_s * h_s / 2.0 * force);
     }
 }
 
@@ -77,8 +83,9 @@ impl Law for StickFriction {
 
     fn install(&self, site: Site, chain: &mut Chain) {
         let port = site.truss.ports[self.at.0].clone();
-        let mobility = dot(&port.velocity, &port.force);
-        chain.structure.push(Box::new(Sticking { port, friction: self.clone(), mobility }));
+        let mut later = vec![0.0; port.force.len()];
+        multiply_add(&site.truss.continuous.a, &port.force, &mut later);
+        chain.structure.push(Box::new(Sticking { port, friction: self.clone(), later }));
     }
 
     fn strengthen(&mut self, factor: f64) {
