@@ -236,12 +236,12 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
     }
 }
 
-/// Parameters of an effect of an axis; the least position of a stop is that of most displacements.
+/// Parameters of an effect of an axis. A stop begins where few displacements reach, and the search brings it nearer.
 fn of_axis(kind: &str, channel: usize, sign: f64, drawn: &Drawn, signals: &Signals, rng: &mut ChaCha12Rng) -> Value {
     let axes = drawn.base.axes.as_ref().expect("no other plant takes it");
     let (own, d) = (axes.own(channel), signals.displacement[channel]);
     let mut stop = |side: f64| {
-        // So many times a second the axis would bounce on it.
+        // The rate at which the axis would bounce on it, rad/s.
         let w = TAU * rng.random_range(BOUNCE) * drawn.base.sample_rate_hz;
         let damping = 2.0 * rng.random_range(BOUNCE_DAMPING) * w * own.inertia;
         json!({ "stiffness": w * w * own.inertia, "damping_s": damping, "gap_v": side * 1.5 * d })
@@ -254,7 +254,7 @@ fn of_axis(kind: &str, channel: usize, sign: f64, drawn: &Drawn, signals: &Signa
         "added-mass" => json!({ "mass_s2": 0.1 * own.inertia }),
         "added-damping" if own.damping > 0.0 => json!({ "damping_s": 0.1 * own.damping }),
         "added-stiffness" if own.stiffness > 0.0 => json!({ "stiffness": 0.1 * own.stiffness }),
-        // Where there is none, one that turns in about a second as the inertia does.
+        // Where the axis has none, one with a time constant, or a period over 2 pi, of a second.
         "added-damping" => json!({ "damping_s": own.inertia }),
         "added-stiffness" => json!({ "stiffness": own.inertia }),
         other => unreachable!("{other} has a place and no parameters"),
