@@ -12,7 +12,8 @@ use crate::state_space::{StateSpace, multiply_add};
 /// Between the edges of its pieces a sample has constant voltages; one piece is all of it where no effect needs more.
 /// Without forces inside the structure each piece is an exact discrete model. With them it is the Runge-Kutta rule of
 /// fourth order in the form of Lawson (1967): the linear part is exact in every piece and the rule acts on the effects'
-/// forces alone, so the piece need follow only those.
+/// forces alone, so the piece need follow only those. A force that can hold a body still is found at the end of each
+/// piece and is constant over it (Moreau 1988), which is of first order.
 pub(crate) struct Integrator {
     structure: Vec<Box<dyn StructureEffect>>,
     actuator: Vec<Box<dyn ActuatorEffect>>,
@@ -119,6 +120,7 @@ impl Integrator {
                 x.copy_from_slice(&self.work.advanced);
             } else {
                 sub_step(&self.structure, model, &mut self.work, x, &self.inputs, t_s, piece.length_s);
+                self.structure.iter().for_each(|effect| effect.settle(piece.length_s, x));
             }
         }
     }

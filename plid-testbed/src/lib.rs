@@ -19,6 +19,7 @@
 //! products within the matrix exponential, whose order depends on the processor's vector width. That is about 1e-15 V
 //! before a converter with steps of 2.5 mV, so its codes very nearly always agree.
 
+mod axes;
 mod butterworth;
 mod config;
 mod converter;

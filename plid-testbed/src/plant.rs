@@ -4,11 +4,12 @@ use std::f64::consts::{PI, SQRT_2};
 
 use nalgebra::DMatrix;
 
+use crate::axes::Axes;
 use crate::config::{TrussConfig, within};
 use crate::converter::Converter;
 use crate::covariance;
 use crate::effects;
-use crate::effects::law::Plant;
+use crate::effects::law::{Load, Plant};
 use crate::error::{TestbedError, Warning};
 use crate::state_space::StateSpace;
 use crate::structure::{self, Mode};
@@ -23,9 +24,12 @@ use crate::{ACTUATOR_POLE_HZ, ANTI_ALIAS_HZ, INPUTS, OUTPUTS};
 pub struct Truss {
     /// Sample rate of `discrete`, Hz.
     pub sample_rate_hz: f64,
-    /// The modes, in the order of their states.
+    /// The modes, in the order of their states; none where bodies on axes are in their place, whose states are their
+    /// positions and velocities.
     pub modes: Vec<Mode>,
-    /// Pole of each actuator with its amplifier, Hz.
+    /// The axes in place of modes.
+    pub(crate) axes: Option<Axes>,
+    /// Pole of each actuator with its amplifier, Hz; infinite where there is none.
     pub actuator_poles_hz: [f64; INPUTS],
     /// The continuous model; D = 0.
     pub continuous: StateSpace,
@@ -102,7 +106,7 @@ fn filter_corner() -> f64 {
 pub fn truss(config: &TrussConfig) -> Result<Truss, TestbedError> {
     config.check()?;
     let modes = structure::modes(config.structure.strut_modes_per_tube);
-    Ok(assemble(config, Plant { modes, poles_hz: [ACTUATOR_POLE_HZ; INPUTS] }))
+    Ok(assemble(config, Plant::of_modes(modes, [ACTUATOR_POLE_HZ; INPUTS])))
 }
 
 /// This plant under a checked config, without effects.
@@ -114,12 +118,36 @@ pub(crate) fn assemble(config: &TrussConfig, plant: Plant) -> Truss {
 /// The plant as the linear effects of a checked config change it. The units of its ports stay those of the unchanged
 /// plant.
 pub(crate) fn altered(config: &TrussConfig, truss: &Truss) -> Truss {
-    let mut plant = Plant { modes: truss.modes.clone(), poles_hz: truss.actuator_poles_hz };
+    let unchanged = Plant { modes: truss.modes.clone(), axes: truss.axes.clone(), poles_hz: truss.actuator_poles_hz };
+    let mut plant = unchanged.clone();
     effects::alter(&config.effects, &mut plant);
-    if plant.modes == truss.modes && plant.poles_hz == truss.actuator_poles_hz {
-        return truss.clone();
+    let altered =
+        if plant == unchanged { truss.clone() } else { assemble_in(config, plant, compliances(&truss.modes)) };
+    effects::loads(&config.effects).into_iter().fold(altered, |truss, load| loaded(config, truss, load))
+}
+
+/// The plant with a force f = -m dv/dt - c v - k d at a port. With b for what a force adds to dx/dt and r for the row
+/// of the velocity, dv/dt = r dx/dt, so m takes the share m r b / (1 + m r b) from all that moves the port. Its m, c
+/// and k are positive, so a stable plant stays stable.
+fn loaded(config: &TrussConfig, mut truss: Truss, load: Load) -> Truss {
+    let port = truss.ports[load.port].clone();
+    let n = truss.continuous.states();
+    let row = |entries: &[f64]| DMatrix::from_row_slice(1, n, entries);
+    let (force, displacement, velocity) =
+        (DMatrix::from_column_slice(n, 1, &port.force), row(&port.displacement), row(&port.velocity));
+    let share = load.mass / (1.0 + load.mass * (&velocity * &force)[(0, 0)]);
+    let resisted = |m: &DMatrix<f64>| m - &force * share * (&velocity * m);
+    let StateSpace { a, b, .. } = &mut truss.continuous;
+    (*a, *b) = (resisted(a), resisted(b));
+    for port in &mut truss.ports {
+        port.force = resisted(&DMatrix::from_column_slice(n, 1, &port.force)).as_slice().to_vec();
     }
-    assemble_in(config, plant, compliances(&truss.modes))
+    let force = DMatrix::from_column_slice(n, 1, &truss.ports[load.port].force);
+    *a -= force * (displacement * load.stiffness + velocity * load.damping);
+    let step_s = 1.0 / truss.sample_rate_hz;
+    truss.discrete = truss.continuous.sampled(step_s);
+    truss.noise = noise(config, &truss.modes, &truss.continuous, &truss.discrete, step_s);
+    truss
 }
 
 /// The model of somebody who has missed a mode, from 0: the plant of a config without it and without effects.
@@ -131,21 +159,25 @@ pub fn truss_without_mode(config: &TrussConfig, mode: usize) -> Result<Truss, Te
     within("mode", mode, 0, modes.len() - 1)?;
     let units = compliances(&modes);
     modes.remove(mode);
-    Ok(assemble_in(config, Plant { modes, poles_hz: [ACTUATOR_POLE_HZ; INPUTS] }, units))
+    Ok(assemble_in(config, Plant::of_modes(modes, [ACTUATOR_POLE_HZ; INPUTS]), units))
 }
 
 /// The same with the displacement that counts as 1 V at each port given, in the modes' units.
 pub(crate) fn assemble_in(config: &TrussConfig, plant: Plant, units: [f64; INPUTS]) -> Truss {
-    let Plant { modes, poles_hz } = plant;
+    let Plant { modes, axes, poles_hz } = plant;
     let step_s = 1.0 / config.sample_rate_hz;
-    let continuous = continuous(&modes, poles_hz);
+    let continuous = axes.as_ref().map_or_else(|| continuous(&modes, poles_hz), |axes| axes.model(poles_hz));
     let discrete = continuous.sampled(step_s);
     let noise = noise(config, &modes, &continuous, &discrete, step_s);
-    let ports = (0..INPUTS).map(|input| strut_port(&modes, input, units[input])).collect();
+    let ports = match &axes {
+        Some(axes) => axes.ports(continuous.states()),
+        None => (0..INPUTS).map(|input| strut_port(&modes, input, units[input])).collect(),
+    };
     let warnings = folded_modes(&modes, config.sample_rate_hz / 2.0).into_iter().collect();
     Truss {
         sample_rate_hz: config.sample_rate_hz,
         modes,
+        axes,
         actuator_poles_hz: poles_hz,
         continuous,
         discrete,
@@ -189,7 +221,7 @@ fn continuous(modes: &[Mode], poles_hz: [f64; INPUTS]) -> StateSpace {
 }
 
 /// The ambient force: independent white forces on the platform's corners, where the accelerometers sit, scaled so that
-/// the outputs have the RMS asked for.
+/// the outputs have the RMS asked for. Bodies on axes have none.
 fn noise(
     config: &TrussConfig,
     modes: &[Mode],
@@ -197,7 +229,7 @@ fn noise(
     discrete: &StateSpace,
     step_s: f64,
 ) -> NoiseCovariances {
-    let mut corners = DMatrix::<f64>::zeros(states(modes), OUTPUTS);
+    let mut corners = DMatrix::<f64>::zeros(continuous.states(), OUTPUTS);
     for (m, mode) in modes.iter().enumerate() {
         for (row, share) in modal_force(modes, m).into_iter().enumerate() {
             for l in 0..OUTPUTS {
@@ -208,7 +240,7 @@ fn noise(
     let unit = covariance::sampled(&continuous.a, &(&corners * corners.transpose()), step_s);
     let at_rest = covariance::stationary(&discrete.a, &unit);
     let mean_square = (&discrete.c * &at_rest * discrete.c.transpose()).trace() / OUTPUTS as f64;
-    let scale = config.noise.ambient_rms_v.powi(2) / mean_square;
+    let scale = if mean_square > 0.0 { config.noise.ambient_rms_v.powi(2) / mean_square } else { 0.0 };
     let white = |rms: f64, size: usize| DMatrix::from_diagonal_element(size, size, rms * rms);
     let adc = Converter { step_v: config.converters.step_v, range_v: config.converters.range_v };
     NoiseCovariances {

@@ -8,7 +8,7 @@ use plid_testbed::{INPUTS, OUTPUTS};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use crate::vocabulary::{VOCABULARY, family, whole};
+use crate::vocabulary::{OF_AXES, OUTSIDERS, VOCABULARY, family, whole};
 
 /// A trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -50,7 +50,7 @@ pub struct Cases {
 #[serde(deny_unknown_fields, default)]
 pub struct Draw {
     /// The effects to draw from: names of the vocabulary, and of effects that the program has added to the testbed. If
-    /// the list is empty, they are all effects of the vocabulary.
+    /// the list is empty, they are all effects of the vocabulary that make sense on one of the plants.
     pub effects: Vec<String>,
     /// Smallest gap that an effect causes alone, relative to the gap caused by noise in this case.
     pub least_over_floor: f64,
@@ -62,9 +62,10 @@ pub struct Draw {
     pub perturbed: f64,
     /// Share of cases whose simulation declares where internal forces may act.
     pub ports: f64,
-    /// Kinds of plants, drawn with equal probability.
+    /// Kinds of plants, drawn with equal probability among those on which the effects of a case make sense.
     pub plants: Vec<PlantKind>,
-    /// Numbers of channels, drawn with equal probability. An effect from one channel into another gets all channels.
+    /// Numbers of channels, drawn with equal probability; of a plant that has fewer, all that it has. An effect from
+    /// one channel into another gets all channels.
     pub channels: Vec<Channels>,
     /// Kinds of experiments, drawn with equal probability.
     pub experiments: Vec<Experiment>,
@@ -175,12 +176,34 @@ impl TrialConfig {
             total => problems.push(("cases", format!("{total} cases are asked for, but at most {MOST} are possible"))),
         }
         for (key, count, wanted) in [("pairs", self.cases.pairs, 2), ("triples", self.cases.triples, 3)] {
-            if count > 0 && effects.len() < wanted {
-                problems.push((key, format!("they need {wanted} different `effects`")));
+            let together = |plant: &PlantKind| effects.iter().filter(|effect| plant.takes(effect)).count();
+            if count > 0 && self.draw.plants.iter().map(together).max().unwrap_or(0) < wanted {
+                problems.push((key, format!("they need {wanted} different `effects` on the same plant")));
             }
         }
+        self.problems_of_plants(&mut problems);
         self.problems_of_draw(&mut problems);
         problems
+    }
+
+    /// Returns whether an effect makes sense on one of the plants.
+    pub(crate) fn is_taken(&self, effect: &str) -> bool {
+        self.draw.plants.iter().any(|plant| plant.takes(effect))
+    }
+
+    /// Returns the invalid values that depend on what the plants are.
+    fn problems_of_plants(&self, problems: &mut Vec<(&'static str, String)>) {
+        let draw = &self.draw;
+        for name in draw.effects.iter().filter(|name| family(name).is_some() && !self.is_taken(name)) {
+            problems.push(("effects", format!("`{name}` makes sense on none of the `plants`")));
+        }
+        if self.cases.outsiders > 0 && !OUTSIDERS.iter().any(|kind| self.is_taken(kind.name)) {
+            problems.push(("outsiders", "none makes sense on one of the `plants`".to_owned()));
+        }
+        if draw.imperfections.ends()[1] > 0.0 && draw.plants.iter().any(|plant| plant.has_axes()) {
+            let reason = "those that are drawn are of structures, and not of all of the `plants`";
+            problems.push(("imperfections", reason.to_owned()));
+        }
     }
 
     /// Returns the invalid values of what is drawn.
@@ -234,7 +257,8 @@ impl TrialConfig {
     /// Returns the effects to draw from.
     pub fn effects(&self) -> Vec<&str> {
         if self.draw.effects.is_empty() {
-            VOCABULARY.iter().map(|kind| kind.name).collect()
+            let all = VOCABULARY.iter().chain(&OF_AXES);
+            all.map(|kind| kind.name).filter(|name| self.is_taken(name)).collect()
         } else {
             self.draw.effects.iter().map(String::as_str).collect()
         }
@@ -269,6 +293,23 @@ mod tests {
             ("[draw]\nimperfections = [0.05, 0.02]\n", "line 5: imperfections: 0.05 to 0.02 does not rise"),
             ("[draw]\nleast = 0.4\n", "line 5: least: 0.4 is not"),
             ("[draw]\nplants = []\n", "line 5: plants: there must be"),
+            ("[draw]\nplants = [\"rotor\"]\n", "unknown variant `rotor`"),
+            (
+                "[draw]\nplants = [\"motor\"]\neffects = [\"missing-mode\"]\n",
+                "line 6: effects: `missing-mode` makes sense on none of the `plants`",
+            ),
+            (
+                "[draw]\nplants = [\"truss\"]\neffects = [\"end-stop\"]\n",
+                "line 6: effects: `end-stop` makes sense on none",
+            ),
+            (
+                "[draw]\nplants = [\"truss\", \"arm\"]\nimperfections = 0.05\n",
+                "line 6: imperfections: those that are drawn",
+            ),
+            (
+                "pairs = 1\n[draw]\nplants = [\"truss\", \"motor\"]\neffects = [\"clearance\", \"added-mass\"]\n",
+                "line 4: pairs: they need 2 different `effects` on the same plant",
+            ),
             ("[draw]\neffects = [\"cubic\"]\n", "line 5: effects: `cubic` is not in the vocabulary"),
             ("[draw]\neffects = [\"clearance\", \"clearance\"]\n", "twice"),
             ("pairs = 2\n[draw]\neffects = [\"clearance\"]\n", "line 4: pairs: they need 2"),
@@ -305,6 +346,8 @@ mod tests {
         assert!(standard.total() >= 800 && standard.cases.none >= 200 && singles >= 300);
         assert!(standard.cases.outsiders >= 2 * crate::vocabulary::OUTSIDERS.len());
         assert_eq!(TrialConfig::quick().unwrap().total(), 60);
+        let plants = TrialConfig::read(&folder.join("plants.toml")).unwrap();
+        assert!((25..=40).contains(&plants.total()) && plants.draw.plants.iter().all(|plant| plant.has_axes()));
         let imperfect = TrialConfig::read(&folder.join("imperfect.toml")).unwrap();
         assert!(imperfect.total() >= 400 && imperfect.draw.plants.len() == 5 && imperfect.draw.experiments.len() > 1);
         let quick = TrialConfig::read(&folder.join("imperfect-quick.toml")).unwrap();

@@ -68,11 +68,10 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
         arms.extend((0..count).map(|_| {
             let mut drawn = kinds.clone();
             drawn.shuffle(&mut rng);
-            drawn.truncate(size);
-            (arm, drawn)
+            (arm, together(&drawn, size, &config.draw.plants))
         }));
     }
-    let outsiders = OUTSIDERS.to_vec();
+    let outsiders: Vec<Kind> = OUTSIDERS.into_iter().filter(|kind| config.is_taken(kind.name)).collect();
     for (arm, count, from) in
         [(Arm::Outsider, cases.outsiders, &outsiders), (Arm::LeaveOneOut, cases.leave_one_out, &kinds)]
     {
@@ -83,13 +82,13 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
         arms.extend(in_turn(&kinds, cases.singles, &mut rng).into_iter().map(|kind| (Arm::Single, vec![kind])));
     }
 
-    let specs = specs(&config.draw, arms.len(), &mut rng);
+    let specs = specs(&config.draw, &arms, &mut rng);
     let mut planned: Vec<Planned> = arms
         .into_iter()
         .zip(specs)
         .map(|((arm, kinds), mut spec)| {
             if kinds.iter().any(|kind| joins_channels(*kind)) {
-                spec.channels = Channels::default();
+                spec.channels = spec.plant.channels();
             }
             let without = if arm == Arm::LeaveOneOut { vec![kinds[0].name.to_owned()] } else { Vec::new() };
             let wanted = |kind| {
@@ -112,8 +111,24 @@ fn joins_channels(kind: Kind) -> bool {
     kind.name.ends_with("crosstalk") || kind.name == "x-channel-product"
 }
 
-/// Draws plants, channels, experiments and nuisances of `count` cases.
-fn specs(draw: &Draw, count: usize, rng: &mut ChaCha12Rng) -> Vec<GapSpec> {
+/// Returns the first of the kinds that make sense together on one plant, so many in all. On plants of which each takes
+/// every kind, they are the first ones.
+fn together(kinds: &[Kind], size: usize, plants: &[PlantKind]) -> Vec<Kind> {
+    let count = |plant: &PlantKind| kinds.iter().filter(|kind| plant.takes(kind.name)).count();
+    let mut plants: Vec<PlantKind> = plants.iter().copied().filter(|plant| count(plant) >= size).collect();
+    let mut chosen = Vec::new();
+    for kind in kinds {
+        if chosen.len() < size && plants.iter().any(|plant| plant.takes(kind.name)) {
+            plants.retain(|plant| plant.takes(kind.name));
+            chosen.push(*kind);
+        }
+    }
+    chosen
+}
+
+/// Draws plants, channels, experiments and nuisances of the cases.
+fn specs(draw: &Draw, arms: &[(Arm, Vec<Kind>)], rng: &mut ChaCha12Rng) -> Vec<GapSpec> {
+    let count = arms.len();
     let perturbed = shares(draw.perturbed, count, rng);
     let ports = shares(draw.ports, count, rng);
     let outputs_only = shares(draw.outputs_only, count, rng);
@@ -122,14 +137,21 @@ fn specs(draw: &Draw, count: usize, rng: &mut ChaCha12Rng) -> Vec<GapSpec> {
         .map(|k| {
             let simulator = if outputs_only[k] { Simulator::Outputs } else { Simulator::Model };
             let off = if misjudged[k] { rng.random_range(-1.0..1.0) } else { 0.0 };
+            let takes = |plant: &PlantKind| arms[k].1.iter().all(|kind| plant.takes(kind.name));
+            let plants: Vec<PlantKind> = draw.plants.iter().copied().filter(takes).collect();
+            let plant = one_of(&plants, rng);
+            let (most, channels) = (plant.channels(), one_of(&draw.channels, rng));
             GapSpec {
                 effects: Vec::new(),
                 perturbed: perturbed[k],
                 // Outputs do not say where forces may act, and declare no noise.
                 ports: ports[k] && !outputs_only[k],
                 noise_misjudged: if outputs_only[k] { 1.0 } else { 1.5_f64.powf(off) },
-                plant: one_of(&draw.plants, rng),
-                channels: one_of(&draw.channels, rng),
+                plant,
+                channels: Channels {
+                    inputs: channels.inputs.min(most.inputs),
+                    outputs: channels.outputs.min(most.outputs),
+                },
                 experiment: one_of(&draw.experiments, rng),
                 simulator,
                 length: draw.length,
@@ -270,6 +292,31 @@ mod tests {
         let near = singles("clearance").iter().filter(|c| c.effects[0].law.is_some()).count();
         assert_eq!(near, 2);
         assert!(singles("sensor-gain").iter().all(|c| c.effects[0].law.is_none()));
+    }
+
+    /// Effects are drawn on plants that take them, several at once on one that takes all of them, and a plant that has
+    /// fewer channels than others has all its own.
+    #[test]
+    fn every_case_has_a_plant_on_which_its_effects_make_sense() {
+        let plants = PlantKind::ALL.to_vec();
+        let cases = Cases { none: 9, singles_per_effect: 2, pairs: 40, triples: 40, outsiders: 16, ..Cases::default() };
+        let config = TrialConfig { name: "t".to_owned(), cases, draw: Draw { plants, ..Draw::default() } };
+        let planned = plan(&config, 7);
+        assert_eq!((config.effects().len(), planned.len()), (40, config.total()));
+        for case in &planned {
+            let plant = case.spec.plant;
+            assert!(case.effects.iter().all(|wanted| plant.takes(wanted.kind.name)), "{case:?}");
+            assert_eq!(case.spec.channels, plant.channels(), "{case:?}");
+            let several = [(Arm::Pair, 2), (Arm::Triple, 3)].into_iter().find(|(arm, _)| *arm == case.arm);
+            assert!(several.is_none_or(|(_, count)| case.effects.len() == count), "{case:?}");
+        }
+        let drawn: BTreeSet<String> = planned.iter().map(|case| format!("{:?}", case.spec.plant)).collect();
+        assert_eq!(drawn.len(), PlantKind::ALL.len());
+        let axes: Vec<PlantKind> = PlantKind::ALL.into_iter().filter(|plant| plant.has_axes()).collect();
+        let config = TrialConfig { draw: Draw { plants: axes, ..Draw::default() }, ..config };
+        let effects = config.effects();
+        assert!(effects.contains(&"gravity-sine") && !effects.contains(&"missing-mode"), "{effects:?}");
+        assert!(plan(&config, 7).iter().all(|case| case.spec.plant.has_axes()));
     }
 
     #[test]

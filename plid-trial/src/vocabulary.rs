@@ -49,7 +49,7 @@ const ADDED: &str = "sensor-additive";
 const TIME: &str = "time";
 const DISTURBANCE: &str = "disturbance";
 
-/// The vocabulary.
+/// The vocabulary as far as it is drawn on structures.
 pub const VOCABULARY: [Kind; 32] = [
     kind("cubic-stiffness", STRUT, At::Input, &["power", "straightening"]),
     kind("quadratic-stiffness", STRUT, At::Input, &["one-sided"]),
@@ -85,19 +85,19 @@ pub const VOCABULARY: [Kind; 32] = [
     kind("coloured-disturbance", DISTURBANCE, At::Input, &[]),
 ];
 
-/// Effects of the diagnosis that no trial draws: they act on the axes of plants without lightly damped modes, and at
-/// declared ports. The testbed's plants are structures with modes, and many of their cases declare no port, where a
-/// mass, a damper or a spring is what it does to the frequencies and damping ratios of all modes. Stops and friction
-/// that sticks have the testbed's clearance and its Stribeck curve for near relatives, and nothing on a truss swings.
-pub const ELSEWHERE: [Kind; 8] = [
+/// The rest of the vocabulary of the diagnosis: effects that are drawn only on bodies on axes, such as a motor or an
+/// arm. On a structure, a mass, a damper or a spring is what it does to the frequencies and damping ratios of all
+/// modes. Stops and friction that sticks have its clearance and its Stribeck curve for near relatives, and nothing
+/// swings.
+pub const OF_AXES: [Kind; 8] = [
     kind("added-mass", MODAL, At::Input, &[]),
     kind("added-damping", MODAL, At::Input, &[]),
     kind("added-stiffness", MODAL, At::Input, &[]),
-    kind("backlash", STRUT, At::Input, &[]),
+    kind("backlash", STRUT, At::Input, &["rounded"]),
     kind("end-stop", STRUT, At::Input, &[]),
     kind("gravity-sine", STRUT, At::Input, &[]),
     kind("one-sided-stop", STRUT, At::Input, &[]),
-    kind("stick-friction", STRUT, At::Input, &[]),
+    kind("stick-friction", STRUT, At::Input, &["lorentzian"]),
 ];
 
 const OUTSIDE: &str = "outside";
@@ -127,7 +127,7 @@ pub fn own() -> Vec<Kind> {
 
 /// Returns the vocabulary, and then the effects of [`own()`].
 pub fn whole() -> Vec<Kind> {
-    VOCABULARY.into_iter().chain(own()).collect()
+    VOCABULARY.into_iter().chain(OF_AXES).chain(own()).collect()
 }
 
 /// Returns an effect of [`whole`].
@@ -135,10 +135,9 @@ pub fn find(name: &str) -> Option<Kind> {
     whole().into_iter().find(|kind| kind.name == name)
 }
 
-/// Returns the family of an effect of [`whole`] or [`ELSEWHERE`].
+/// Returns the family of an effect of [`whole`].
 pub fn family(name: &str) -> Option<&'static str> {
-    let elsewhere = || ELSEWHERE.into_iter().find(|kind| kind.name == name);
-    find(name).or_else(elsewhere).map(|kind| kind.family)
+    find(name).map(|kind| kind.family)
 }
 
 impl Kind {
@@ -174,7 +173,7 @@ mod tests {
     fn the_vocabulary_is_the_diagnosis_s_and_outsiders_are_not() {
         let library = Library::standard();
         let mut known: Vec<&str> = library.effects().map(|effect| effect.name()).collect();
-        let mut drawn: Vec<&str> = VOCABULARY.iter().chain(&ELSEWHERE).map(|kind| kind.name).collect();
+        let mut drawn: Vec<&str> = VOCABULARY.iter().chain(&OF_AXES).map(|kind| kind.name).collect();
         known.sort_unstable();
         drawn.sort_unstable();
         assert_eq!(known, drawn);
@@ -184,7 +183,7 @@ mod tests {
     /// The testbed reads kind, place and law before it misses the parameters, which are not given here.
     #[test]
     fn the_testbed_knows_every_kind_place_and_law() {
-        for kind in VOCABULARY.iter().chain(&OUTSIDERS) {
+        for kind in VOCABULARY.iter().chain(&OF_AXES).chain(&OUTSIDERS) {
             let laws = kind.near_misses.iter().map(|law| Some(*law)).chain([None]);
             for (place, law) in kind.places(3, 3).into_iter().flat_map(|p| laws.clone().map(move |l| (p.clone(), l))) {
                 let mut effect = serde_json::json!({ "kind": kind.name });

@@ -11,6 +11,10 @@ pub(crate) trait StructureEffect {
     /// Adds its share of dx/dt at time `t_s` (since the first record began). States of its own follow those of the
     /// truss in `x` and `rate`.
     fn add_rate(&self, t_s: f64, x: &[f64], rate: &mut [f64]);
+
+    /// Adds what a force that is no function of the state, such as one that holds a body still, does to the state over
+    /// the last `_h_s` seconds, which `_x` has already gone through without it.
+    fn settle(&self, _h_s: f64, _x: &mut [f64]) {}
 }
 
 /// A change of the voltages between amplifier and actuator pole.

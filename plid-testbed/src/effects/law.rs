@@ -2,15 +2,58 @@
 
 use super::chain::{Chain, Site};
 use super::place::ModeNumber;
+use crate::axes::Axes;
 use crate::config::within;
 use crate::error::TestbedError;
 use crate::structure::Mode;
 
 /// The linear part of the plant, which linear effects change.
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Plant {
     pub modes: Vec<Mode>,
-    /// Pole of each actuator, Hz.
+    /// Axes in place of modes.
+    pub axes: Option<Axes>,
+    /// Pole of each actuator, Hz; infinite where an actuator of an axis has none.
     pub poles_hz: [f64; crate::INPUTS],
+}
+
+impl Plant {
+    /// A structure of modes.
+    pub(crate) fn of_modes(modes: Vec<Mode>, poles_hz: [f64; crate::INPUTS]) -> Self {
+        Self { modes, axes: None, poles_hz }
+    }
+
+    /// Axes without actuator poles.
+    pub(crate) fn of_axes(axes: Axes) -> Self {
+        Self { modes: Vec::new(), axes: Some(axes), poles_hz: [f64::INFINITY; crate::INPUTS] }
+    }
+
+    /// The same with so many times the gain from commands to outputs.
+    pub(crate) fn amplified(mut self, gain: f64) -> Self {
+        let scale = gain.sqrt();
+        for mode in &mut self.modes {
+            // Both shapes of every mode alike.
+            mode.input_shape.iter_mut().for_each(|b| *b *= scale);
+            mode.output_shape.iter_mut().for_each(|c| *c *= scale);
+        }
+        if let Some(axes) = &mut self.axes {
+            axes.drive.iter_mut().for_each(|drive| *drive *= gain);
+        }
+        self
+    }
+}
+
+/// A force that is linear in the motion of a port: f = -m dv/dt - c v - k d.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Load {
+    /// The input whose port it is, from 0.
+    pub port: usize,
+    /// m, V s^2/V.
+    pub mass: f64,
+    /// c, V s/V.
+    pub damping: f64,
+    /// k, V/V.
+    pub stiffness: f64,
 }
 
 /// What the values of an effect are checked against.
@@ -35,6 +78,11 @@ pub(crate) trait Law {
 
     /// Changes the linear plant.
     fn alter(&self, _plant: &mut Plant) {}
+
+    /// Returns what it adds to a port's own mass, damping and stiffness.
+    fn load(&self) -> Option<Load> {
+        None
+    }
 
     /// Adds the effect to a record's chain.
     fn install(&self, _site: Site, _chain: &mut Chain) {}

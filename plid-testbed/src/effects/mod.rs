@@ -6,6 +6,8 @@
 //! are zero at the start of a record; clocks and phases run on.
 
 pub mod actuator;
+#[cfg(test)]
+mod axis;
 pub(crate) mod chain;
 pub mod disturbance;
 pub(crate) mod law;
@@ -21,7 +23,7 @@ pub mod structure;
 use serde::{Deserialize, Serialize};
 
 use self::chain::{Chain, Clock, Site};
-use self::law::{Law, Limits, Plant};
+use self::law::{Law, Limits, Load, Plant};
 use self::place::Input;
 use crate::config::EffectsConfig;
 use crate::error::TestbedError;
@@ -75,6 +77,14 @@ effects! {
     "modal-damping" = structure::ModalDamping;
     "missing-mode" = structure::MissingMode;
     "stiffness-drift" = structure::StiffnessDrift;
+    "stick-friction" = structure::StickFriction;
+    "backlash" = structure::Backlash;
+    "end-stop" = structure::EndStop;
+    "one-sided-stop" = structure::OneSidedStop;
+    "gravity-sine" = structure::GravitySine;
+    "added-mass" = structure::AddedMass;
+    "added-damping" = structure::AddedDamping;
+    "added-stiffness" = structure::AddedStiffness;
     "actuator-saturation" = actuator::ActuatorSaturation;
     "actuator-dead-zone" = actuator::ActuatorDeadZone;
     "actuator-hysteresis" = actuator::ActuatorHysteresis;
@@ -178,6 +188,11 @@ pub(crate) fn check(config: &EffectsConfig, limits: &Limits) -> Result<(), Testb
 /// Changes the linear plant as the effects of a checked config do.
 pub(crate) fn alter(config: &EffectsConfig, plant: &mut Plant) {
     list(config).iter().for_each(|effect| effect.law().alter(plant));
+}
+
+/// Returns what the effects of a checked config add to the masses, dampers and springs at ports.
+pub(crate) fn loads(config: &EffectsConfig) -> Vec<Load> {
+    list(config).iter().filter_map(|effect| effect.law().load()).collect()
 }
 
 /// Returns the chain of a record with the effects of a checked config.

@@ -33,7 +33,7 @@ fn free(effect: &str, start: f64, samples: usize) -> Vec<f64> {
         output_shape: [0.2, 0.1, 0.0],
         group: ModeGroup::Dominant,
     };
-    let mut truss = assemble(&config, Plant { modes: vec![mode], poles_hz: [ACTUATOR_POLE_HZ; INPUTS] });
+    let mut truss = assemble(&config, Plant::of_modes(vec![mode], [ACTUATOR_POLE_HZ; INPUTS]));
     // The other two struts do not take part: the mode does not move them.
     truss.ports.truncate(1);
     let port = truss.ports[0].clone();

@@ -52,6 +52,11 @@ impl Gap {
     }
 }
 
+/// The force of a spring k with a damper c that is pressed in by x at the speed dx/dt: a stop pushes and never pulls.
+pub(crate) fn stop(k: f64, c: f64, x: f64, speed: f64) -> f64 {
+    if x > 0.0 { (k * x + c * speed).max(0.0) } else { 0.0 }
+}
+
 /// The course of a slow change in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

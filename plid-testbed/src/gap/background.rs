@@ -7,13 +7,14 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::GapError;
 use super::effect;
 use super::excitation::Planned;
 use super::label::{LabelledEffect, labelled};
 use super::plant::{BACKGROUND, Drawn};
+use super::rig::STRUCTURE_HZ;
 use super::spec::{Channels, EffectSpec, GapSpec};
 use super::strength::{Bench, Goal, Signals};
-use super::{GapError, SAMPLE_RATE_HZ};
 use crate::config::TrussConfig;
 use crate::effects::Effect;
 use crate::effects::structure::MissingMode;
@@ -85,7 +86,7 @@ const LARGEST_SHARE: f64 = 0.5;
 const EXCERPT: usize = 1000;
 /// Between which the modes are drawn that the simulation lacks, Hz: above the excited band and below half the sample
 /// rate.
-const RESIDUAL_HZ: Range<f64> = 420.0..0.475 * SAMPLE_RATE_HZ;
+const RESIDUAL_HZ: Range<f64> = 420.0..0.475 * STRUCTURE_HZ;
 
 /// What a case's effects are drawn for.
 pub(crate) struct Scene<'a> {
@@ -116,7 +117,7 @@ pub(crate) fn drawn(scene: &Scene<'_>, main: &[Effect]) -> Result<Background, Ga
     let mut first = Vec::new();
     for (i, wanted) in wanted(scene.spec.channels, &mut rng).iter().enumerate() {
         let index = BACKGROUND + i;
-        let effect = effect::drawn(scene.seed, index, wanted, scene.spec.channels, scene.drawn, scene.signals)?;
+        let effect = effect::drawn(scene.seed, index, wanted, scene.spec, scene.drawn, scene.signals)?;
         first.push(effect);
     }
     first.extend((0..rng.random_range(1..=3)).map(|_| residual_mode(&scene.drawn.base.modes, &mut rng)));

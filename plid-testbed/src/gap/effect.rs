@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 
 use super::GapError;
 use super::plant::{Drawn, EFFECTS};
-use super::spec::{Channels, EffectSpec};
+use super::spec::{Channels, EffectSpec, GapSpec};
 use super::strength::Signals;
 use crate::effects::{Effect, own};
 use crate::streams::{Purpose, stream};
@@ -31,16 +31,20 @@ pub(crate) fn drawn(
     seed: u64,
     index: usize,
     wanted: &EffectSpec,
-    channels: Channels,
+    spec: &GapSpec,
     drawn: &Drawn,
     signals: &Signals,
 ) -> Result<Effect, GapError> {
+    let channels = spec.channels;
     let wrong = |reason: String| GapError::Spec { number: index + 1, kind: wanted.kind.clone(), reason };
     if !(wanted.gap > 0.0 && wanted.gap.is_finite()) {
         return Err(wrong(format!("its gap must be positive and finite, not {}", wanted.gap)));
     }
     let mut rng = stream(seed, Purpose::Draw, EFFECTS + index);
     let place = place_of(&wanted.kind).ok_or_else(|| wrong("there is no effect of this kind".to_owned()))?;
+    if !spec.plant.takes(&wanted.kind) {
+        return Err(wrong("it makes no sense on this kind of plant".to_owned()));
+    }
     if let Some(reason) = lacking(&wanted.kind, &place, channels) {
         return Err(wrong(reason.to_owned()));
     }
@@ -94,6 +98,14 @@ fn place_of(kind: &str) -> Option<Place> {
         | "clearance"
         | "joint-hysteresis"
         | "quadratic-damping"
+        | "stick-friction"
+        | "backlash"
+        | "end-stop"
+        | "one-sided-stop"
+        | "gravity-sine"
+        | "added-mass"
+        | "added-damping"
+        | "added-stiffness"
         | "narrowband-disturbance"
         | "coloured-disturbance" => Place::Input,
         "actuator-saturation"
@@ -187,6 +199,11 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
             })
         }
         "stiffness-drift" => json!({ "rate_per_s": sign * 1e-4 }),
+        "stick-friction" => {
+            json!({ "slides_v": 0.05, "holds_v": 0.05 * within(1.1, 1.6), "transition_v_per_s": within(0.05, 0.3) * v })
+        }
+        "backlash" | "end-stop" | "one-sided-stop" | "gravity-sine" | "added-mass" | "added-damping"
+        | "added-stiffness" => of_axis(kind, channel, sign, drawn, signals, rng),
         actuator if actuator.starts_with("actuator-") => of_actuator(actuator, channel, sign, drawn, rng),
         "sensor-saturation" => json!({ "limit_v": 2.0 * y }),
         "sensor-gain" => json!({ "gain": 1.0 + sign * 0.05 }),
@@ -219,6 +236,35 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
     }
 }
 
+/// Parameters of an effect of an axis. A stop begins where few displacements reach, and the search brings it nearer.
+fn of_axis(kind: &str, channel: usize, sign: f64, drawn: &Drawn, signals: &Signals, rng: &mut ChaCha12Rng) -> Value {
+    let axes = drawn.base.axes.as_ref().expect("no other plant takes it");
+    let (own, d) = (axes.own(channel), signals.displacement[channel]);
+    let mut stop = |side: f64| {
+        // The rate at which the axis would bounce on it, rad/s.
+        let w = TAU * rng.random_range(BOUNCE) * drawn.base.sample_rate_hz;
+        let damping = 2.0 * rng.random_range(BOUNCE_DAMPING) * w * own.inertia;
+        json!({ "stiffness": w * w * own.inertia, "damping_s": damping, "gap_v": side * 1.5 * d })
+    };
+    match kind {
+        "backlash" => json!({ "stiffness": own.stiffness, "gap_v": 0.1 * d }),
+        "end-stop" => stop(1.0),
+        "one-sided-stop" => stop(sign),
+        "gravity-sine" => json!({ "stiffness": 0.3 * own.stiffness, "whole": own.stiffness }),
+        "added-mass" => json!({ "mass_s2": 0.1 * own.inertia }),
+        "added-damping" if own.damping > 0.0 => json!({ "damping_s": 0.1 * own.damping }),
+        "added-stiffness" if own.stiffness > 0.0 => json!({ "stiffness": 0.1 * own.stiffness }),
+        // Where the axis has none, one with a time constant, or a period over 2 pi, of a second.
+        "added-damping" => json!({ "damping_s": own.inertia }),
+        "added-stiffness" => json!({ "stiffness": own.inertia }),
+        other => unreachable!("{other} has a place and no parameters"),
+    }
+}
+
+/// Frequency over the sample rate, and damping ratio, with which an axis would bounce on a stop.
+const BOUNCE: Range<f64> = 0.03..0.1;
+const BOUNCE_DAMPING: Range<f64> = 0.1..0.4;
+
 /// Parameters of an effect of an actuator.
 fn of_actuator(kind: &str, channel: usize, sign: f64, drawn: &Drawn, rng: &mut ChaCha12Rng) -> Value {
     match kind {
@@ -228,7 +274,11 @@ fn of_actuator(kind: &str, channel: usize, sign: f64, drawn: &Drawn, rng: &mut C
         "actuator-slew-limit" => json!({ "rate_v_per_s": 1500.0 }),
         "actuator-lag" => {
             let from_hz = drawn.base.actuator_poles_hz[channel];
-            json!({ "pole_hz": from_hz * (200.0 / ACTUATOR_POLE_HZ), "from_hz": from_hz })
+            if from_hz.is_finite() {
+                json!({ "pole_hz": from_hz * (200.0 / ACTUATOR_POLE_HZ), "from_hz": from_hz })
+            } else {
+                json!({ "pole_hz": 0.25 * drawn.base.sample_rate_hz, "from_hz": null })
+            }
         }
         "actuator-gain" => json!({ "gain": 1.0 + sign * 0.2 }),
         "actuator-delay" => json!({ "delay_samples": 0.3 }),

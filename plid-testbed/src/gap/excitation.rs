@@ -6,7 +6,7 @@ use ndarray::{Array2, s};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use super::SAMPLE_RATE_HZ;
+use super::rig::{PERIOD, Rig};
 use super::spec::{Experiment, GapSpec};
 use crate::INPUTS;
 use crate::converter::Converter;
@@ -19,7 +19,7 @@ use crate::streams::{Purpose, stream};
 pub enum Excitation {
     /// Not at all.
     Zero,
-    /// Gaussian noise below 200 Hz.
+    /// Gaussian noise below a cut-off frequency, which is 200 Hz for structures.
     Random {
         /// RMS of each input, V.
         level_v: f64,
@@ -40,6 +40,7 @@ pub(crate) struct Planned {
     pub index: usize,
     /// Samples since the first record began.
     pub start: usize,
+    pub sample_rate_hz: f64,
 }
 
 impl Planned {
@@ -50,14 +51,12 @@ impl Planned {
     }
 }
 
-/// Samples of a period of the multisine in full records: a prime, so that no mains line falls on one of its lines.
-const PERIOD: usize = 2003;
-/// Its lines, as multiples of the sample rate over the period: 2.4 to 395 Hz.
-const LINES: [usize; 2] = [3, 495];
+/// The least number of the highest line of the multisine, however short its period.
+const LEAST_HIGHEST: usize = 9;
 const PERIODS: usize = 6;
 
 /// The records of a case and the held-out one after them.
-pub(crate) fn schedule(seed: u64, spec: &GapSpec) -> Vec<Planned> {
+pub(crate) fn schedule(seed: u64, spec: &GapSpec, rig: &Rig) -> Vec<Planned> {
     let samples = |full: usize| (full as f64 * spec.length).round() as usize;
     let random = |level_v| (Excitation::Random { level_v }, samples(6400));
     let period = prime_from(samples(PERIOD));
@@ -83,12 +82,17 @@ pub(crate) fn schedule(seed: u64, spec: &GapSpec) -> Vec<Planned> {
                 let rng = stream(seed, Purpose::Excitation, (index << 8) | j);
                 let signal = match excitation {
                     Excitation::Zero => vec![0.0; samples],
-                    Excitation::Random { level_v } => low_passed(level_v, 200.0, rng, samples, SAMPLE_RATE_HZ),
-                    Excitation::Periodic { period } => multisine(period, &lines(seed, index, period), rng, samples),
+                    Excitation::Random { level_v } => {
+                        low_passed(level_v, rig.band_hz, rng, samples, rig.sample_rate_hz)
+                    }
+                    Excitation::Periodic { period } => {
+                        multisine(period, &lines(rig.lines, period, seed, index), rng, samples)
+                    }
                 };
                 commands.column_mut(j).iter_mut().zip(signal).for_each(|(to, value)| *to = value);
             }
-            let planned = Planned { excitation, commands: convert(dac, commands).0, index, start };
+            let (commands, sample_rate_hz) = (convert(dac, commands).0, rig.sample_rate_hz);
+            let planned = Planned { excitation, commands, index, start, sample_rate_hz };
             start += samples;
             planned
         })
@@ -101,10 +105,10 @@ fn prime_from(least: usize) -> usize {
 }
 
 /// Of each five odd lines one is left out at random: what is found there is no answer to the lines.
-fn lines(seed: u64, index: usize, period: usize) -> Vec<usize> {
+fn lines(full: [usize; 2], period: usize, seed: u64, index: usize) -> Vec<usize> {
     let mut rng = stream(seed, Purpose::Excitation, (index << 8) | INPUTS);
-    let [lowest, highest] = LINES.map(|line| line * period / PERIOD);
-    let odd: Vec<usize> = (lowest | 1..=highest).step_by(2).collect();
+    let [lowest, highest] = full.map(|line| line * period / PERIOD);
+    let odd: Vec<usize> = (lowest | 1..=highest.max(LEAST_HIGHEST)).step_by(2).collect();
     odd.chunks(5)
         .flat_map(|group| {
             let left_out = rng.random_range(0..group.len());

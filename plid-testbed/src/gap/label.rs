@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::spec::{Experiment, PlantKind, Simulator};
+use crate::axes::Axes;
 use crate::effects::{Effect, own};
 use crate::plant::Truss;
 use crate::structure::Mode;
@@ -96,6 +97,7 @@ pub struct LabelledEffect {
 /// Stated limits on relative errors of a simulation: two standard deviations.
 const FREQUENCY_LIMIT: f64 = 0.002;
 const DAMPING_LIMIT: f64 = 0.1;
+const SHAPE_LIMIT: f64 = 0.02;
 
 /// Relative distance at which a stated frequency still means the label's: of a mode, of a disturbance.
 const SAME_MODE: f64 = 0.05;
@@ -112,6 +114,12 @@ impl LabelledEffect {
             "clearance" => &["k", "g"],
             "joint-hysteresis" => &["k", "dy"],
             "quadratic-damping" | "actuator-crosstalk" | "sensor-crosstalk" => &["c"],
+            "stick-friction" => &["Fc", "Fs", "vs"],
+            "backlash" => &["k", "g"],
+            "end-stop" | "one-sided-stop" => &["k", "c", "g"],
+            "gravity-sine" | "added-stiffness" => &["k"],
+            "added-mass" => &["m"],
+            "added-damping" => &["c"],
             "modal-frequency" | "actuator-dead-zone" => &["delta"],
             "modal-damping" => &["rho"],
             "missing-mode" => &["f"],
@@ -156,7 +164,15 @@ impl LabelledEffect {
             | "coulomb-friction"
             | "clearance"
             | "joint-hysteresis"
-            | "quadratic-damping" => location == format!("input:u{loc}") || location == format!("port:strut{loc}"),
+            | "quadratic-damping"
+            | "stick-friction"
+            | "backlash"
+            | "end-stop"
+            | "one-sided-stop"
+            | "gravity-sine"
+            | "added-mass"
+            | "added-damping"
+            | "added-stiffness" => location == format!("input:u{loc}") || location == format!("port:strut{loc}"),
             "modal-frequency" | "modal-damping" | "missing-mode" => near(self.hz, SAME_MODE),
             "narrowband-disturbance" | "coloured-disturbance" => near(par[1], SAME_FREQUENCY),
             "stiffness-drift" => location == "structure",
@@ -197,7 +213,7 @@ pub(crate) fn labelled(effect: &Effect, target: f64, gap: f64, base: &Truss, nom
             let below = base.modes.iter().filter(|m| m.frequency_hz < mode.frequency_hz).count();
             (below, mode.frequency_hz)
         }
-        _ => (effect.place(), base.modes[effect.place()].frequency_hz),
+        _ => (effect.place(), base.modes.get(effect.place()).map_or(0.0, |mode| mode.frequency_hz)),
     };
     // What the simulation is off may take back a part of it.
     let both = |own: f64, of: fn(&Mode) -> f64| {
@@ -207,7 +223,7 @@ pub(crate) fn labelled(effect: &Effect, target: f64, gap: f64, base: &Truss, nom
     let clear_of_nuisance = match effect {
         Effect::ModalFrequency(e) => both(e.change.ln_1p(), |mode| mode.frequency_hz) > 2.0 * FREQUENCY_LIMIT,
         Effect::ModalDamping(e) => both(e.factor.ln(), |mode| mode.damping_ratio) > 2.0 * DAMPING_LIMIT,
-        _ => true,
+        _ => base.axes.as_ref().is_none_or(|axes| clear_of_the_axis_s(effect, axes)),
     };
     LabelledEffect {
         effect: effect.kind().to_owned(),
@@ -219,6 +235,20 @@ pub(crate) fn labelled(effect: &Effect, target: f64, gap: f64, base: &Truss, nom
         own_equation: effect.own_equation(),
         clear_of_nuisance,
         config: Some(effect.clone()),
+    }
+}
+
+/// Whether a mass, a damper or a spring changes an axis by more than twice what a simulation may be off: a mass its
+/// gain, a damper its damping ratio, a spring its frequency. Where the axis has none of its own, any is clear.
+fn clear_of_the_axis_s(effect: &Effect, axes: &Axes) -> bool {
+    let own = axes.own(effect.place().min(axes.drive.len() - 1));
+    let beyond = |added: f64, own: f64, limit: f64| added.abs() > 2.0 * limit * own;
+    match effect {
+        Effect::AddedMass(e) => beyond(e.mass_s2, own.inertia, SHAPE_LIMIT),
+        Effect::AddedDamping(e) => beyond(e.damping_s, own.damping, DAMPING_LIMIT),
+        // The frequency goes with the root of the stiffness.
+        Effect::AddedStiffness(e) => beyond(e.stiffness, own.stiffness, 2.0 * FREQUENCY_LIMIT),
+        _ => true,
     }
 }
 

@@ -1,16 +1,20 @@
 //! Gap cases with a known answer: a plant with effects, the nominal simulation that lacks them, and records.
 //!
 //! [`draw`] draws one from a seed and a [`GapSpec`]; [`GapCase::write`] writes what a diagnosis may see in one folder
-//! and the answer in another. All plants have up to three actuators (with a pole at 260 Hz; a drone's motors are
+//! and the answer in another. Structures have up to three actuators (with a pole at 260 Hz; a drone's motors are
 //! slower), up to three accelerometers behind a two-pole filter at 1 kHz, 12-bit converters of +-5 V, 5 mV of noise on
-//! each sensor and amplifier, and an ambient force that gives 2 mV.
+//! each sensor and amplifier, and an ambient force that gives 2 mV. Bodies on axes (motors, servos, sliders, pendulums,
+//! arms and closed loops) have one or two inputs, and as many positions or speeds that encoders count or that have 5 mV
+//! of noise; they are sampled at 200 to 1000 Hz.
 
+mod asked;
 mod background;
 mod effect;
 mod excitation;
 mod label;
 mod plant;
 mod plants;
+mod rig;
 mod spec;
 mod strength;
 mod write;
@@ -18,7 +22,7 @@ mod write;
 use ndarray::{Array2, s};
 use rand::RngExt;
 
-use crate::config::{ConverterConfig, EffectsConfig, NoiseConfig, TrussConfig};
+use crate::config::{EffectsConfig, NoiseConfig, TrussConfig};
 use crate::effects::Effect;
 use crate::effects::chain::Clock;
 use crate::error::TestbedError;
@@ -27,6 +31,7 @@ use crate::plant::{Truss, altered};
 use crate::record::record;
 use crate::streams::{Purpose, stream};
 use background::Scene;
+use rig::Rig;
 
 pub use excitation::Excitation;
 pub use label::{Label, LabelledBackground, LabelledEffect};
@@ -124,10 +129,6 @@ pub struct GapCase {
 
 /// Steps within a sample for effects inside the structure and for slewing voltages.
 const STEPS_PER_SAMPLE: usize = 8;
-/// Rate of the cases, Hz.
-const SAMPLE_RATE_HZ: f64 = 1600.0;
-/// Standard deviation of sensor noise and of amplifier noise, V.
-const NOISE_V: f64 = 0.005;
 
 /// Draws a case. The same seed and spec give the same bits.
 ///
@@ -136,9 +137,12 @@ const NOISE_V: f64 = 0.005;
 /// range or keys that contradict each other, or asks for a gap that its effect cannot make.
 pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
     spec.check()?;
-    let config = config(seed, spec);
-    let mut schedule = excitation::schedule(seed, spec);
-    let drawn = plant::drawn(&config, spec, &schedule);
+    let mut rng = stream(seed, Purpose::Draw, plant::PLANT);
+    let layout = plants::layout(spec.plant, &mut rng);
+    let rig = layout.rig.clone();
+    let config = config(seed, spec, &rig);
+    let mut schedule = excitation::schedule(seed, spec, &rig);
+    let drawn = plant::drawn(&config, spec, layout, &schedule, &mut rng);
     let held_out = schedule.pop().expect("one is planned at least");
     let signals = strength::Signals::of(&drawn.base, held_out.commands.view());
     let scene = Scene { seed, spec, config: &config, drawn: &drawn, held_out: &held_out, signals: &signals };
@@ -164,7 +168,7 @@ pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
         gap_floor: strength::gap(&last.outputs, &measured(foretold, spec.channels.outputs)),
         background: labelled_background(&scene, background)?,
     };
-    let simulation = SimulationFile::of(seed, &drawn.nominal, spec);
+    let simulation = SimulationFile::of(seed, &drawn.nominal, spec, &rig);
     let simulator = spec.simulator;
     Ok(GapCase { simulation, simulator, records, held_out: last, label: label.or_none(), effects })
 }
@@ -175,7 +179,7 @@ fn main_effects(scene: &Scene<'_>) -> Result<(Vec<Effect>, Vec<LabelledEffect>),
     let mut effects = Vec::new();
     let mut labels = Vec::new();
     for (i, wanted) in spec.effects.iter().enumerate() {
-        let first = effect::drawn(seed, i, wanted, spec.channels, drawn, signals)?;
+        let first = effect::drawn(seed, i, wanted, spec, drawn, signals)?;
         let (effect, gap) = scene.bench(i).reach(&first, wanted.gap)?;
         labels.push(label::labelled(&effect, wanted.gap, gap, &drawn.base, &drawn.nominal));
         effects.push(effect);
@@ -247,15 +251,14 @@ fn foretold(config: &TrussConfig, base: &Truss, last: &excitation::Planned) -> R
     Ok(record(&config, &plant, last.commands.view(), last.clock(), None)?.outputs)
 }
 
-fn config(seed: u64, spec: &GapSpec) -> TrussConfig {
-    let noise =
-        NoiseConfig { sensor_rms_v: NOISE_V, amplifier_rms_v: NOISE_V, ambient_rms_v: 0.002, ..NoiseConfig::NONE };
+fn config(seed: u64, spec: &GapSpec, rig: &Rig) -> TrussConfig {
+    let noise = rig.noise.clone();
     TrussConfig {
-        sample_rate_hz: SAMPLE_RATE_HZ,
+        sample_rate_hz: rig.sample_rate_hz,
         seed,
         noise: if spec.imperfections > 0.0 { imperfect(seed, noise) } else { noise },
-        converters: ConverterConfig { step_v: 10.0 / 4096.0, range_v: 5.0 },
-        effects: EffectsConfig { steps_per_sample: STEPS_PER_SAMPLE, ..EffectsConfig::default() },
+        converters: rig.adc.clone(),
+        effects: EffectsConfig { steps_per_sample: rig.steps_per_sample, ..EffectsConfig::default() },
         ..TrussConfig::default()
     }
 }
@@ -279,6 +282,6 @@ fn with_effects(config: &TrussConfig, effects: &[Effect]) -> TrussConfig {
 
 impl excitation::Planned {
     fn clock(&self) -> Clock {
-        Clock { record: self.index, start: self.start, sample_rate_hz: SAMPLE_RATE_HZ }
+        Clock { record: self.index, start: self.start, sample_rate_hz: self.sample_rate_hz }
     }
 }

@@ -9,9 +9,9 @@ use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::excitation::{Excitation, Planned};
-use super::plants::{Layout, layout};
+use super::plants::Layout;
 use super::spec::GapSpec;
-use crate::INPUTS;
+use crate::axes::Axes;
 use crate::config::TrussConfig;
 use crate::effects::law::Plant;
 use crate::plant::{Truss, assemble, assemble_in, compliances};
@@ -28,11 +28,8 @@ pub(crate) struct Drawn {
     pub left_out: Option<Mode>,
 }
 
-/// RMS over the outputs that a random record of 1 V RMS gives, V.
-const OUTPUT_V: f64 = 0.45;
-
 /// The numbers of the random streams of a draw.
-const PLANT: usize = 0;
+pub(crate) const PLANT: usize = 0;
 const NUISANCE: usize = 1;
 const COORDINATES: usize = 2;
 /// The kind of noise that an imperfect truth has.
@@ -42,35 +39,33 @@ pub(crate) const BACKGROUND: usize = 1 << 12;
 /// The first of the effects' streams.
 pub(crate) const EFFECTS: usize = 16;
 
-pub(crate) fn drawn(config: &TrussConfig, spec: &GapSpec, schedule: &[Planned]) -> Drawn {
-    let mut rng = stream(config.seed, Purpose::Draw, PLANT);
-    let Layout { plant: Plant { mut modes, poles_hz }, dominant, missable } = layout(spec.plant, &mut rng);
+/// Draws the rest of a layout's plant, and scales it.
+pub(crate) fn drawn(
+    config: &TrussConfig,
+    spec: &GapSpec,
+    layout: Layout,
+    schedule: &[Planned],
+    rng: &mut ChaCha12Rng,
+) -> Drawn {
+    let Layout { mut plant, dominant, missable, rig } = layout;
     // The number is drawn in any case: the same seed gives the same plant with every effect.
-    let missed = rng.random_range(missable);
-    let left_out = spec.effects.iter().any(|e| e.kind == "missing-mode").then(|| modes[missed].clone());
-    let with = |modes: &[Mode]| Plant { modes: modes.to_vec(), poles_hz };
+    let missed = (!missable.is_empty()).then(|| rng.random_range(missable));
+    let missing = missed.filter(|_| spec.effects.iter().any(|e| e.kind == "missing-mode"));
 
-    // Both shapes of every mode alike, so that 1 V RMS gives what is wanted.
-    let random = schedule.iter().find(|planned| matches!(planned.excitation, Excitation::Random { .. }));
-    let commands = random.expect("every experiment has one").commands.view();
-    let outputs = assemble(config, with(&modes)).discrete.simulate(commands);
-    let outputs = outputs.slice(s![.., ..spec.channels.outputs]);
-    let rms = (outputs.iter().map(|y| y * y).sum::<f64>() / outputs.len() as f64).sqrt();
-    let scaled = |mode: &Mode| {
-        let scale = (OUTPUT_V / rms).sqrt();
-        let (input_shape, output_shape) = (mode.input_shape.map(|b| scale * b), mode.output_shape.map(|c| scale * c));
-        Mode { input_shape, output_shape, ..mode.clone() }
-    };
-    modes = modes.iter().map(scaled).collect();
-    let left_out = left_out.map(|mode| scaled(&mode));
-    if left_out.is_some() {
-        modes.remove(missed);
+    if let Some(output_v) = rig.output_v {
+        let random = schedule.iter().find(|planned| matches!(planned.excitation, Excitation::Random { .. }));
+        let commands = random.expect("every experiment has one").commands.view();
+        let outputs = assemble(config, plant.clone()).discrete.simulate(commands);
+        let outputs = outputs.slice(s![.., ..spec.channels.outputs]);
+        let rms = (outputs.iter().map(|y| y * y).sum::<f64>() / outputs.len() as f64).sqrt();
+        plant = plant.amplified(output_v / rms);
     }
+    let left_out = missing.map(|mode| plant.modes.remove(mode));
 
-    let units = compliances(&modes);
+    let units = compliances(&plant.modes);
     let off = Off::of(spec);
-    let nominal = assemble_in(config, off.simulation(config.seed, &modes, poles_hz), units);
-    Drawn { base: assemble(config, with(&modes)), nominal, dominant, left_out }
+    let nominal = assemble_in(config, off.simulation(config.seed, &plant), units);
+    Drawn { base: assemble(config, plant), nominal, dominant, left_out }
 }
 
 fn normal(rng: &mut ChaCha12Rng) -> f64 {
@@ -101,20 +96,25 @@ impl Off {
     }
 
     /// Draws the plant of a simulation with these errors.
-    fn simulation(&self, seed: u64, modes: &[Mode], poles_hz: [f64; INPUTS]) -> Plant {
+    fn simulation(&self, seed: u64, plant: &Plant) -> Plant {
         let mut rng = stream(seed, Purpose::Draw, NUISANCE);
         let mut about = |value: f64, std: f64| value * (1.0 + std * normal(&mut rng));
-        let modes = modes
-            .iter()
-            .map(|mode| Mode {
-                frequency_hz: about(mode.frequency_hz, self.frequency),
-                damping_ratio: about(mode.damping_ratio, self.damping),
-                input_shape: mode.input_shape.map(|b| about(b, self.shape)),
-                output_shape: mode.output_shape.map(|c| about(c, self.shape)),
-                group: mode.group,
-            })
-            .collect();
-        Plant { modes, poles_hz: poles_hz.map(|pole| about(pole, self.pole)) }
+        let modes = plant.modes.iter().map(|mode| Mode {
+            frequency_hz: about(mode.frequency_hz, self.frequency),
+            damping_ratio: about(mode.damping_ratio, self.damping),
+            input_shape: mode.input_shape.map(|b| about(b, self.shape)),
+            output_shape: mode.output_shape.map(|c| about(c, self.shape)),
+            group: mode.group,
+        });
+        let modes = modes.collect();
+        let axes = plant.axes.clone().map(|axes| Axes {
+            // A frequency goes with the root of the stiffness.
+            stiffness: axes.stiffness * about(1.0, 2.0 * self.frequency),
+            damping: axes.damping * about(1.0, self.damping),
+            drive: axes.drive.iter().map(|drive| about(*drive, self.shape)).collect(),
+            ..axes
+        });
+        Plant { modes, axes, poles_hz: plant.poles_hz.map(|pole| about(pole, self.pole)) }
     }
 }
 
@@ -124,4 +124,50 @@ pub(crate) fn coordinates(seed: u64, states: usize) -> DMatrix<f64> {
     let rotation = DMatrix::from_fn(states, states, |_, _| normal(&mut rng)).qr().q();
     let scales = DMatrix::from_fn(states, 1, |_, _| (0.3 * normal(&mut rng)).exp());
     DMatrix::from_diagonal(&scales.column(0).into_owned()) * rotation
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::converter::Converter;
+    use crate::effects::Effect;
+    use crate::effects::place::Input;
+    use crate::effects::structure::{CoulombFriction, FrictionLaw};
+    use crate::gap::plants::layout;
+    use crate::gap::spec::PlantKind;
+    use crate::gap::{config, excitation, with_effects};
+    use crate::record::record;
+
+    /// Without an effect, the truth without noise is the free run of the nominal simulation: to the bit as it stands,
+    /// and to rounding where a force that is nearly nothing makes the integrator take its small steps.
+    #[test]
+    fn without_an_effect_the_truth_is_the_free_run_of_the_simulation() {
+        let nothing = Effect::CoulombFriction(CoulombFriction {
+            at: Input(0),
+            friction_v: 1e-30,
+            transition_v_per_s: 1.0,
+            law: FrictionLaw::Tanh,
+        });
+        for (kind, seed) in PlantKind::ALL.into_iter().flat_map(|kind| (20..23).map(move |seed| (kind, seed))) {
+            let spec = GapSpec { plant: kind, channels: kind.channels(), length: 0.1, ..GapSpec::default() };
+            let mut rng = stream(seed, Purpose::Draw, PLANT);
+            let layout = layout(kind, &mut rng);
+            let config = config(seed, &spec, &layout.rig);
+            let schedule = excitation::schedule(seed, &spec, &layout.rig);
+            let drawn = drawn(&config, &spec, layout, &schedule, &mut rng);
+            let exact = |planned: &Planned, config: &TrussConfig| {
+                record(config, &drawn.base, planned.commands.view(), planned.clock(), None).unwrap().outputs
+            };
+            for planned in &schedule {
+                let free = drawn.nominal.discrete.simulate(planned.commands.view());
+                assert_eq!(exact(planned, &config), free, "{kind:?}, {seed}");
+                let stepped = exact(planned, &with_effects(&config, std::slice::from_ref(&nothing)));
+                let size = free.iter().fold(1.0_f64, |most, y| most.max(y.abs()));
+                let off = (&stepped - &free).iter().fold(0.0_f64, |most, e| most.max(e.abs()));
+                assert!(off < 1e-9 * size, "{kind:?}, {seed}: {off} of {size}");
+                let dac = Converter { step_v: 10.0 / 4096.0, range_v: 5.0 };
+                assert!(planned.commands.iter().all(|u| dac.convert(*u) == (*u, false)));
+            }
+        }
+    }
 }

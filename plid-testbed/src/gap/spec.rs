@@ -19,7 +19,7 @@ pub struct GapSpec {
     pub ports: bool,
     /// The plant.
     pub plant: PlantKind,
-    /// The numbers of channels.
+    /// The numbers of channels; at most those that the plant has.
     pub channels: Channels,
     /// The records.
     pub experiment: Experiment,
@@ -97,10 +97,26 @@ pub enum PlantKind {
     Drone,
     /// The truss with two pairs of modes, each closer than its modes are wide.
     CloseModes,
+    /// A motor on a bench: torque to speed, of first order.
+    Motor,
+    /// A position servo: of second order and well damped.
+    Servo,
+    /// A mass that no spring holds, in a bearing: force to position.
+    Slider,
+    /// The same without a damper: force to speed.
+    FreeSlider,
+    /// A pendulum that is driven at its axis: torque to angle, in radians.
+    Pendulum,
+    /// Two links with elastic joints: torques to angles.
+    Arm,
+    /// A slider under a controller: reference to position.
+    SliderLoop,
+    /// An arm with stiff joints, each under a controller: references to angles.
+    ArmLoop,
 }
 
-/// How many inputs and outputs there are: the first ones of the plant's three. Inputs beyond are neither driven nor
-/// noisy, outputs beyond are not measured, and effects are drawn only where there is a channel.
+/// How many inputs and outputs there are: the first ones of the plant's, of which a structure has three. Inputs beyond
+/// are neither driven nor noisy, outputs beyond are not measured, and effects are drawn only where there is a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channels {
@@ -150,12 +166,20 @@ const MOST_BEYOND: f64 = 3.0;
 impl GapSpec {
     /// Checks all keys except the effects.
     pub(crate) fn check(&self) -> Result<(), GapError> {
-        within("channels.inputs", self.channels.inputs as f64, 1.0, INPUTS as f64)?;
-        within("channels.outputs", self.channels.outputs as f64, 1.0, OUTPUTS as f64)?;
+        let most = self.plant.channels();
+        within("channels.inputs", self.channels.inputs as f64, 1.0, most.inputs as f64)?;
+        within("channels.outputs", self.channels.outputs as f64, 1.0, most.outputs as f64)?;
         within("noise_misjudged", self.noise_misjudged, 1.0 / MOST_MISJUDGED, MOST_MISJUDGED)?;
         within("length", self.length, SHORTEST, 1.0)?;
         within("imperfections", self.imperfections, 0.0, MOST_IMPERFECT)?;
         within("beyond_limits", self.beyond_limits, 0.0, MOST_BEYOND)?;
+        if self.plant.has_axes() && (self.imperfections > 0.0 || self.beyond_limits > 0.0) {
+            return Err(GapError::Apart {
+                key: if self.imperfections > 0.0 { "imperfections" } else { "beyond_limits" },
+                other: "plant",
+                reason: "the imperfections that are drawn are those of a structure",
+            });
+        }
         if self.simulator == Simulator::Outputs {
             let apart = |key, reason| Err(GapError::Apart { key, other: "simulator = \"outputs\"", reason });
             if self.ports {

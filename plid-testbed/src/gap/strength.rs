@@ -39,10 +39,12 @@ impl Signals {
         for u in commands.rows() {
             let mut y = [0.0; OUTPUTS];
             multiply_add(&model.c, &x, &mut y);
-            for i in 0..3 {
-                squares[0][i] += dot(&truss.ports[i].displacement, &x).powi(2);
-                squares[1][i] += dot(&truss.ports[i].velocity, &x).powi(2);
-                squares[2][i] += y[i] * y[i];
+            for port in &truss.ports {
+                squares[0][port.input] += dot(&port.displacement, &x).powi(2);
+                squares[1][port.input] += dot(&port.velocity, &x).powi(2);
+            }
+            for (square, y) in squares[2].iter_mut().zip(y) {
+                *square += y * y;
             }
             next.fill(0.0);
             multiply_add(&model.a, &x, &mut next);

@@ -1,5 +1,6 @@
 //! The folders of a case: what a diagnosis may see, and the answer.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
@@ -8,9 +9,11 @@ use nalgebra::DMatrix;
 use ndarray::Array2;
 use serde::Serialize;
 
+use super::rig::Rig;
 use super::spec::{Channels, GapSpec, Simulator};
-use super::{Excitation, GapCase, GapError, GapRecord, NOISE_V, SAMPLE_RATE_HZ, plant};
+use super::{Excitation, GapCase, GapError, GapRecord, plant};
 use crate::INPUTS;
+use crate::axes::Axes;
 use crate::plant::{Truss, filter_state};
 
 /// The nominal simulation as `sim.json` holds it.
@@ -29,6 +32,9 @@ pub struct SimulationFile {
     #[serde(rename = "D")]
     d: Rows,
     noise: NoiseFile,
+    /// Left out for accelerometers.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    output_kinds: BTreeMap<String, &'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     continuous: Option<ContinuousFile>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -71,11 +77,9 @@ fn names(letter: char, count: usize) -> Vec<String> {
 impl SimulationFile {
     /// A plant as a spec's case gives it: with the channels that there are, in arbitrary coordinates, with its ports or
     /// without a word of them.
-    pub(crate) fn of(seed: u64, truss: &Truss, spec: &GapSpec) -> Self {
+    pub(crate) fn of(seed: u64, truss: &Truss, spec: &GapSpec, rig: &Rig) -> Self {
         let Channels { inputs, outputs } = spec.channels;
-        // Actuators that nothing drives are not in it, nor are filters that nobody reads: no other state meets them.
-        let filters = filter_state(&truss.modes, 0);
-        let kept: Vec<usize> = (0..inputs).chain(INPUTS..filters + 2 * outputs).collect();
+        let kept = kept(truss, spec.channels);
         let t = plant::coordinates(seed, kept.len());
         let back = t.clone().try_inverse().expect("a rotation with scales has an inverse");
         let turned = |a: &DMatrix<f64>| rows(&(&t * a.select_rows(&kept).select_columns(&kept) * &back));
@@ -83,8 +87,9 @@ impl SimulationFile {
         let declared = truss.ports[..inputs].iter().map(|port| {
             let of = |r: &[f64]| -> Vec<f64> { kept.iter().map(|&i| r[i]).collect() };
             let row = |r: &[f64]| (DMatrix::from_row_slice(1, kept.len(), &of(r)) * &back).as_slice().to_vec();
+            let place = if truss.axes.is_some() { "axis" } else { "strut" };
             PortFile {
-                name: format!("strut{}", port.input + 1),
+                name: format!("{place}{}", port.input + 1),
                 input: format!("u{}", port.input + 1),
                 force: (&t * DMatrix::from_column_slice(kept.len(), 1, &of(&port.force))).as_slice().to_vec(),
                 displacement: row(&port.displacement),
@@ -92,7 +97,9 @@ impl SimulationFile {
             }
         });
         let c = truss.discrete.c.rows(0, outputs).select_columns(&kept);
-        let noise_v = NOISE_V / spec.noise_misjudged;
+        let kinds = |axes: &Axes| names('y', outputs).into_iter().map(|name| (name, axes.shown.name())).collect();
+        let [sensor_v, amplifier_v] =
+            [rig.declared_sensor_v, rig.noise.amplifier_rms_v].map(|noise_v| noise_v / spec.noise_misjudged);
         Self {
             format: "state-space",
             sample_rate_hz: truss.sample_rate_hz,
@@ -102,12 +109,22 @@ impl SimulationFile {
             b: driven(&truss.discrete.b),
             c: rows(&(c * &back)),
             d: rows(&truss.discrete.d.view((0, 0), (outputs, inputs)).into_owned()),
-            noise: NoiseFile { sensor_std: vec![noise_v; outputs], actuator_std: vec![noise_v; inputs] },
+            noise: NoiseFile { sensor_std: vec![sensor_v; outputs], actuator_std: vec![amplifier_v; inputs] },
+            output_kinds: truss.axes.as_ref().map(kinds).unwrap_or_default(),
             continuous: spec
                 .ports
                 .then(|| ContinuousFile { a: turned(&truss.continuous.a), b: driven(&truss.continuous.b) }),
             ports: spec.ports.then(|| declared.collect()),
         }
+    }
+}
+
+/// The states that the outputs depend on: actuators that nothing drives are not among them, nor are filters that nobody
+/// reads.
+fn kept(truss: &Truss, Channels { inputs, outputs }: Channels) -> Vec<usize> {
+    match &truss.axes {
+        Some(axes) => axes.needed_states(),
+        None => (0..inputs).chain(INPUTS..filter_state(&truss.modes, 0) + 2 * outputs).collect(),
     }
 }
 
@@ -149,10 +166,16 @@ impl GapCase {
             Simulator::Outputs => ("", true),
         };
         let mut text = format!(
-            "{simulation}sample_rate_hz = {SAMPLE_RATE_HZ:?}\ninputs = [{}]\noutputs = [{}]\n",
+            "{simulation}sample_rate_hz = {:?}\ninputs = [{}]\noutputs = [{}]\n",
+            self.simulation.sample_rate_hz,
             quoted('u', self.held_out.commands.ncols()),
             quoted('y', self.held_out.outputs.ncols()),
         );
+        if by_outputs && !self.simulation.output_kinds.is_empty() {
+            let kinds: Vec<_> =
+                self.simulation.output_kinds.iter().map(|(y, kind)| format!("{y} = {kind:?}")).collect();
+            let _ = writeln!(text, "output_kinds = {{ {} }}", kinds.join(", "));
+        }
         for (i, record) in self.records.iter().enumerate() {
             let excitation = match record.excitation {
                 Excitation::Zero => "excitation = \"zero\"".to_owned(),

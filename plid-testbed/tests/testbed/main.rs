@@ -4,6 +4,7 @@ mod config;
 mod effects;
 mod experiment;
 mod gap;
+mod gap_axes;
 mod gap_imperfect;
 mod gap_kinds;
 mod golden;

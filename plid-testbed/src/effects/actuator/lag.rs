@@ -8,7 +8,7 @@ use crate::effects::law::{Law, Limits, Plant};
 use crate::effects::place::Input;
 use crate::error::TestbedError;
 
-/// The actuator's existing pole moves to fp; its gain at rest stays 1.
+/// The actuator's pole, if it has one, moves to fp, and else it gets one there; its gain at rest stays 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActuatorLag {
@@ -16,23 +16,24 @@ pub struct ActuatorLag {
     pub at: Input,
     /// fp, Hz; positive.
     pub pole_hz: f64,
-    /// Where the pole was, Hz: the strength counts from there.
+    /// Where the pole was, Hz: the strength counts from there. `None` if the actuator had no pole.
     #[serde(default = "usual_pole_hz", skip_serializing_if = "is_usual")]
-    pub from_hz: f64,
+    pub from_hz: Option<f64>,
 }
 
-fn usual_pole_hz() -> f64 {
-    ACTUATOR_POLE_HZ
+#[allow(clippy::unnecessary_wraps)] // serde wants the type of the key.
+fn usual_pole_hz() -> Option<f64> {
+    Some(ACTUATOR_POLE_HZ)
 }
 
-fn is_usual(pole_hz: &f64) -> bool {
-    *pole_hz == ACTUATOR_POLE_HZ
+fn is_usual(pole_hz: &Option<f64>) -> bool {
+    *pole_hz == usual_pole_hz()
 }
 
 impl Law for ActuatorLag {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
         positive("pole_hz", self.pole_hz)?;
-        positive("from_hz", self.from_hz)
+        self.from_hz.map_or(Ok(()), |from_hz| positive("from_hz", from_hz))
     }
 
     fn alter(&self, plant: &mut Plant) {
@@ -40,8 +41,11 @@ impl Law for ActuatorLag {
     }
 
     fn strengthen(&mut self, factor: f64) {
-        // By the ratio of the two poles, which stays positive.
-        self.pole_hz = self.from_hz * (self.pole_hz / self.from_hz).powf(factor);
+        self.pole_hz = match self.from_hz {
+            // By the ratio of the two poles, which stays positive.
+            Some(from_hz) => from_hz * (self.pole_hz / from_hz).powf(factor),
+            None => self.pole_hz / factor,
+        };
     }
 
     fn place(&self) -> usize {

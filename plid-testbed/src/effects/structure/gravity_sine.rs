@@ -1,0 +1,45 @@
+//! Gravity on an axis that swings: the simulation has k d, and the axis k sin(d).
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::{not_negative, positive};
+use crate::effects::chain::{Chain, Site};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Input;
+use crate::error::TestbedError;
+
+/// f = k (d - sin(d)), a displacement of 1 V being 1 rad.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GravitySine {
+    /// The input at whose axis it is.
+    pub at: Input,
+    /// k, V/rad; positive.
+    pub stiffness: f64,
+    /// The axis's own stiffness at rest, V/rad, of which gravity is a part; a spring has the rest of it.
+    pub whole: f64,
+}
+
+impl Law for GravitySine {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("stiffness", self.stiffness)?;
+        not_negative("whole - stiffness", self.whole - self.stiffness)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let k = self.stiffness;
+        chain.force_at(&site.truss.ports[self.at.0], move |d, _v| k * (d - d.sin()));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.stiffness *= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.stiffness]
+    }
+}

@@ -1,0 +1,107 @@
+//! Dry friction that sticks: at rest it holds the port of one input against forces up to a limit, and that limit is
+//! higher than the force with which it brakes a port that slides.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::{not_negative, positive};
+use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Input;
+use crate::error::TestbedError;
+use crate::plant::StrutPort;
+use crate::state_space::multiply_add;
+
+/// f = -(Fc + (Fs - Fc) exp(-(v / vs)^2)) sign(v); at v = 0 the force that keeps v = 0, of at most Fs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StickFriction {
+    /// The input at whose port it is.
+    pub at: Input,
+    /// Fc, V; positive.
+    pub slides_v: f64,
+    /// Fs, V; at least Fc.
+    pub holds_v: f64,
+    /// vs, V/s; positive.
+    pub transition_v_per_s: f64,
+    /// How the force falls from Fs to Fc.
+    #[serde(default)]
+    pub law: StickLaw,
+}
+
+/// Curves by which friction falls as a port begins to slide.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StickLaw {
+    /// exp(-(v / vs)^2)
+    #[default]
+    Gaussian,
+    /// 1 / (1 + (v / vs)^2)
+    Lorentzian,
+}
+
+/// Moreau's time stepping with a force that is constant over a step: the one that stops the port at its end, or the
+/// largest that the friction gives. Over h, a force f adds (h b + h^2 / 2 A b) f to the state, up to terms in h^3.
+struct Sticking {
+    port: StrutPort,
+    friction: StickFriction,
+    /// A b, with b for what a force of 1 V adds to dx/dt.
+    later: Vec<f64>,
+}
+
+impl StructureEffect for Sticking {
+    fn add_rate(&self, _t_s: f64, _x: &[f64], _rate: &mut [f64]) {}
+
+    fn settle(&self, h_s: f64, x: &mut [f64]) {
+        let v = dot(&self.port.velocity, x);
+        let by_one =
+            h_s * dot(&self.port.velocity, &self.port.force) + h_s * h_s / 2.0 * dot(&self.port.velocity, &self.later);
+        let most = self.friction.limit(v);
+        let force = (-v / by_one).clamp(-most, most);
+        add_scaled(x, &self.port.force, h_s * force);
+        add_scaled(x, &self.later, h_s * h_s / 2.0 * force);
+    }
+}
+
+impl StickFriction {
+    /// The largest force at a velocity, V.
+    fn limit(&self, v: f64) -> f64 {
+        let square = (v / self.transition_v_per_s).powi(2);
+        let share = match self.law {
+            StickLaw::Gaussian => (-square).exp(),
+            StickLaw::Lorentzian => 1.0 / (1.0 + square),
+        };
+        self.slides_v + (self.holds_v - self.slides_v) * share
+    }
+}
+
+impl Law for StickFriction {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("slides_v", self.slides_v)?;
+        not_negative("holds_v - slides_v", self.holds_v - self.slides_v)?;
+        positive("transition_v_per_s", self.transition_v_per_s)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let port = site.truss.ports[self.at.0].clone();
+        let mut later = vec![0.0; port.force.len()];
+        multiply_add(&site.truss.continuous.a, &port.force, &mut later);
+        chain.structure.push(Box::new(Sticking { port, friction: self.clone(), later }));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.slides_v *= factor;
+        self.holds_v *= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.slides_v, self.holds_v, self.transition_v_per_s]
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == StickLaw::Gaussian
+    }
+}
