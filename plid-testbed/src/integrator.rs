@@ -119,6 +119,7 @@ impl Integrator {
                 x.copy_from_slice(&self.work.advanced);
             } else {
                 sub_step(&self.structure, model, &mut self.work, x, &self.inputs, t_s, piece.length_s);
+                self.structure.iter_mut().for_each(|effect| effect.end_step(x));
             }
         }
     }

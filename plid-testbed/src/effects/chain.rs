@@ -11,6 +11,9 @@ pub(crate) trait StructureEffect {
     /// Adds its share of dx/dt at time `t_s` (since the first record began). States of its own follow those of the
     /// truss in `x` and `rate`.
     fn add_rate(&self, t_s: f64, x: &[f64], rate: &mut [f64]);
+
+    /// Takes note of the state at the end of a step, if the force depends on where the motion has been.
+    fn end_step(&mut self, _x: &[f64]) {}
 }
 
 /// A change of the voltages between amplifier and actuator pole.

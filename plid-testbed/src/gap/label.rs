@@ -110,6 +110,8 @@ impl LabelledEffect {
             "cubic-stiffness" | "quadratic-stiffness" => &["k"],
             "coulomb-friction" => &["F", "v0"],
             "clearance" => &["k", "g"],
+            // The last one only where it is not zero.
+            "iwan-joint" => &["k", "dm", "chi", "s"][..self.par.len().min(4)],
             "joint-hysteresis" => &["k", "dy"],
             "quadratic-damping" | "actuator-crosstalk" | "sensor-crosstalk" => &["c"],
             "modal-frequency" | "actuator-dead-zone" => &["delta"],
@@ -155,6 +157,7 @@ impl LabelledEffect {
             | "quadratic-stiffness"
             | "coulomb-friction"
             | "clearance"
+            | "iwan-joint"
             | "joint-hysteresis"
             | "quadratic-damping" => location == format!("input:u{loc}") || location == format!("port:strut{loc}"),
             "modal-frequency" | "modal-damping" | "missing-mode" => near(self.hz, SAME_MODE),

@@ -3,6 +3,7 @@
 mod clearance;
 mod coulomb_friction;
 mod cubic_stiffness;
+mod iwan_joint;
 mod joint_hysteresis;
 mod missing_mode;
 mod modal_damping;
@@ -14,6 +15,7 @@ mod stiffness_drift;
 pub use clearance::Clearance;
 pub use coulomb_friction::{CoulombFriction, FrictionLaw};
 pub use cubic_stiffness::{CubicLaw, CubicStiffness};
+pub use iwan_joint::{IwanJoint, SliderLaw};
 pub use joint_hysteresis::JointHysteresis;
 pub use missing_mode::MissingMode;
 pub use modal_damping::ModalDamping;
