@@ -17,6 +17,7 @@ TAU = 2 * math.pi
 # Free shapes, in `unit`: knots of static curves, widths of smoothed steps, yield points, turns of a course over time.
 KNOTS, STEPS = (0.0, 0.1, 0.3, 0.8, 1.4, 2.0, 2.8, 3.8), (0.03, 0.12, 0.4, 1.5)
 YIELDS, TURNS = (0.2, 0.6, 1.5, 4.0), (0.08, 0.2, 0.38, 0.6, 0.8)
+SLIDERS = 64  # of an Iwan joint
 FORCE_PARTS = 8  # parts of a sample over which a force that depends on the motion is a straight line
 DRIFT_SAMPLES = 16  # samples after which a drifting stiffness is brought up to date
 
@@ -46,6 +47,14 @@ def skewed_slip(z, delta, rise, fall):
         left -= math.log1p(-fall * along) / fall if fall else -along
         along = 0.0
     return sign * moved(along, left, rise)
+
+
+def sliders(p):
+    """The stretch at which each slider of an Iwan joint yields, and the share of its spring in k. The displacements up
+    to dm, of density x^chi, are divided into intervals; each has a slider with its stiffness and its largest force."""
+    power, edges = 1 + max(p["chi"], -0.95), (np.arange(SLIDERS + 1) / SLIDERS)**3
+    shares = np.diff(edges**power)
+    return {"shares": shares, "yields": p["dm"] * power / (power + 1) * np.diff(edges**(power + 1)) / shares}
 
 
 def yielding(z, delta, p):
@@ -222,6 +231,7 @@ FORCES = {
     "one-sided-stop": lambda d, v, z, p: stop(d, v, math.copysign(1, p["s"]), abs(p["s"]), p),
     "stick-friction": lambda d, v, z, p: 0.0 if v == 0 else
         -math.copysign(p["Fc"] + (p["Fs"] - p["Fc"]) * math.exp(-(v / p["vs"])**2), v),
+    "iwan-joint": lambda d, v, z, p: p["k"] * (p["s"] * d - np.sum(p["shares"] * z)),
     "joint-hysteresis": lambda d, v, z, p: -p["k"] * z,
     "free-stiffness": lambda d, v, z, p: -p["size"] * bend(d / p["unit"], p["s"]),
     "free-damping": lambda d, v, z, p: -p["size"] * free_rate(v / p["unit"], p["s"]),
@@ -235,7 +245,7 @@ HOLDS = {"stick-friction": lambda p: p["Fs"]}
 SEVERAL = {"free-joint": lambda p: [("joint-hysteresis", {"k": s * p["size"] / p["unit"], "dy": share * p["unit"]})
                                     for s, share in zip(p["s"], YIELDS)]}
 # How z changes while d moves by `delta`.
-SLIPS = {"joint-hysteresis": yielding}
+SLIPS = {"joint-hysteresis": yielding, "iwan-joint": lambda z, delta, p: np.clip(z + delta, -p["yields"], p["yields"])}
 # Forces of the time alone.
 DISTURBANCES = {"narrowband-disturbance": lambda t, p: p["a"] * np.sin(TAU * p["f"] * t + p["phi"])}
 # Every w^2 is multiplied by this.
@@ -318,6 +328,9 @@ def simulate(file, u, t0):
         p = {key: number["value"] for key, number in numbers.items()}
         if "s_1" in p:  # a free shape: s_1, s_2, ...
             p["s"] = [p[f"s_{k}"] for k in range(1, 1 + sum(key.startswith("s_") for key in p))]
+        if name == "iwan-joint":
+            held = effect["location"].startswith("mode:") or file["modes"] == 1
+            p = {"s": float(held), **p, **sliders(p)}
         several = SEVERAL[name](p) if name in SEVERAL else [(name, p)]
         effects.extend((name, effect["location"], p) for name, p in several)
 

@@ -18,7 +18,7 @@ const SAMPLES: usize = 2000;
 struct Cubic;
 
 impl Force for Cubic {
-    fn force(&self, d: f64, _v: f64, _state: f64) -> f64 {
+    fn force(&self, d: f64, _v: f64, _state: &[f64]) -> f64 {
         -1e3 * d * d * d
     }
 }

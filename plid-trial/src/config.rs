@@ -325,7 +325,7 @@ mod tests {
     #[test]
     fn defaults_are_as_said_and_read_back() {
         let config = read("name = \"t\"\n[cases]\nnone = 3\nsingles_per_effect = 2\n").unwrap();
-        assert_eq!(config.total(), 3 + 2 * 32);
+        assert_eq!(config.total(), 3 + 2 * 33);
         assert_eq!((config.draw.least_over_floor, config.draw.most), (0.5, 0.3));
         assert_eq!(config.draw.imperfections.ends(), [0.0, 0.0]);
         assert_eq!(read(&to_toml(&config)).unwrap(), config);

@@ -50,11 +50,12 @@ const TIME: &str = "time";
 const DISTURBANCE: &str = "disturbance";
 
 /// The vocabulary as far as it is drawn on structures.
-pub const VOCABULARY: [Kind; 32] = [
+pub const VOCABULARY: [Kind; 33] = [
     kind("cubic-stiffness", STRUT, At::Input, &["power", "straightening"]),
     kind("quadratic-stiffness", STRUT, At::Input, &["one-sided"]),
     kind("coulomb-friction", STRUT, At::Input, &["root", "stribeck"]),
     kind("clearance", STRUT, At::Input, &["rounded", "asymmetric"]),
+    kind("iwan-joint", STRUT, At::Input, &["kink"]),
     kind("joint-hysteresis", STRUT, At::Input, &["dahl", "sharp"]),
     kind("quadratic-damping", STRUT, At::Input, &["power", "asymmetric"]),
     kind("modal-frequency", MODAL, At::Mode, &[]),

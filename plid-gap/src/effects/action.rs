@@ -47,8 +47,13 @@ pub trait Command: Send + Sync {
 
 /// A force inside the structure that depends on displacement d and velocity v of its port.
 pub trait Force: Send + Sync {
-    /// Returns the force; `state` is an internal state (zero at rest; unused by most effects).
-    fn force(&self, d: f64, v: f64, state: f64) -> f64;
+    /// Returns the force; `state` is an internal state of [`Force::states`] numbers.
+    fn force(&self, d: f64, v: f64, state: &[f64]) -> f64;
+
+    /// Returns the length of the internal state, which is zero at rest. Most laws have none.
+    fn states(&self) -> usize {
+        0
+    }
 
     /// Returns the stiffness and the damper of the steepest part of the law. A run takes as many steps as they need.
     fn steepest(&self) -> [f64; 2] {
@@ -61,10 +66,8 @@ pub trait Force: Send + Sync {
         None
     }
 
-    /// Returns the internal state after the displacement has changed from one value to another.
-    fn advance(&self, _from: f64, _to: f64, state: f64) -> f64 {
-        state
-    }
+    /// Advances the internal state while the displacement changes from one value to another.
+    fn advance(&self, _from: f64, _to: f64, _state: &mut [f64]) {}
 }
 
 /// A change of the sensors' signals, after the filter and before noise.

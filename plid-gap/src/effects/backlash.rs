@@ -65,7 +65,7 @@ struct Play {
 }
 
 impl Force for Play {
-    fn force(&self, d: f64, _v: f64, _state: f64) -> f64 {
+    fn force(&self, d: f64, _v: f64, _state: &[f64]) -> f64 {
         self.k * d.clamp(-self.g, self.g)
     }
 

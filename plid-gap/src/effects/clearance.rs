@@ -62,7 +62,7 @@ struct Gap {
 }
 
 impl Force for Gap {
-    fn force(&self, d: f64, _v: f64, _state: f64) -> f64 {
+    fn force(&self, d: f64, _v: f64, _state: &[f64]) -> f64 {
         -self.k * (d.abs() - self.g).max(0.0) * d.signum()
     }
 }

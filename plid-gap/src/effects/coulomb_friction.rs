@@ -59,7 +59,7 @@ struct Coulomb {
 }
 
 impl Force for Coulomb {
-    fn force(&self, _d: f64, v: f64, _state: f64) -> f64 {
+    fn force(&self, _d: f64, v: f64, _state: &[f64]) -> f64 {
         -self.size * (v / self.v0).tanh()
     }
 }

@@ -49,7 +49,7 @@ struct Cubic {
 }
 
 impl Force for Cubic {
-    fn force(&self, d: f64, _v: f64, _state: f64) -> f64 {
+    fn force(&self, d: f64, _v: f64, _state: &[f64]) -> f64 {
         -self.k * d * d * d
     }
 }

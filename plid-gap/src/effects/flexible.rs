@@ -280,7 +280,7 @@ struct Curve {
 }
 
 impl Force for Curve {
-    fn force(&self, d: f64, _v: f64, _state: f64) -> f64 {
+    fn force(&self, d: f64, _v: f64, _state: &[f64]) -> f64 {
         -self.size * characteristic(d / self.unit, &self.shape)
     }
 }
@@ -292,7 +292,7 @@ struct Rate {
 }
 
 impl Force for Rate {
-    fn force(&self, _d: f64, v: f64, _state: f64) -> f64 {
+    fn force(&self, _d: f64, v: f64, _state: &[f64]) -> f64 {
         let x = v / self.unit;
         let steps: f64 = self.shape.iter().zip(STEPS).map(|(c, width)| c * (x / width).tanh()).sum();
         let [odd, even] = [self.shape[STEPS.len()], self.shape[STEPS.len() + 1]];
@@ -306,12 +306,16 @@ struct Element {
 }
 
 impl Force for Element {
-    fn force(&self, _d: f64, _v: f64, state: f64) -> f64 {
-        -self.k * state
+    fn force(&self, _d: f64, _v: f64, state: &[f64]) -> f64 {
+        -self.k * state[0]
     }
 
-    fn advance(&self, from: f64, to: f64, state: f64) -> f64 {
-        super::slip::advance(state, to - from, 1.0, self.dy)
+    fn states(&self) -> usize {
+        1
+    }
+
+    fn advance(&self, from: f64, to: f64, state: &mut [f64]) {
+        state[0] = super::slip::advance(state[0], to - from, 1.0, self.dy);
     }
 }
 

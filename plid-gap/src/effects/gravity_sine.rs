@@ -70,7 +70,7 @@ struct Sine {
 }
 
 impl Force for Sine {
-    fn force(&self, d: f64, _v: f64, _state: f64) -> f64 {
+    fn force(&self, d: f64, _v: f64, _state: &[f64]) -> f64 {
         self.k * (d - d.sin())
     }
 }

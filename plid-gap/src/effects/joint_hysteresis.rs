@@ -91,12 +91,16 @@ struct Joint {
 }
 
 impl Force for Joint {
-    fn force(&self, _d: f64, _v: f64, state: f64) -> f64 {
-        -self.k * state
+    fn force(&self, _d: f64, _v: f64, state: &[f64]) -> f64 {
+        -self.k * state[0]
     }
 
-    fn advance(&self, from: f64, to: f64, state: f64) -> f64 {
-        advance(state, to - from, 1.0, self.dy)
+    fn states(&self) -> usize {
+        1
+    }
+
+    fn advance(&self, from: f64, to: f64, state: &mut [f64]) {
+        state[0] = advance(state[0], to - from, 1.0, self.dy);
     }
 }
 
@@ -108,11 +112,15 @@ struct Skewed {
 }
 
 impl Force for Skewed {
-    fn force(&self, _d: f64, _v: f64, state: f64) -> f64 {
-        -self.k * state
+    fn force(&self, _d: f64, _v: f64, state: &[f64]) -> f64 {
+        -self.k * state[0]
     }
 
-    fn advance(&self, from: f64, to: f64, state: f64) -> f64 {
-        advance_skewed(state, to - from, self.rise, self.fall)
+    fn states(&self) -> usize {
+        1
+    }
+
+    fn advance(&self, from: f64, to: f64, state: &mut [f64]) {
+        state[0] = advance_skewed(state[0], to - from, self.rise, self.fall);
     }
 }

@@ -1,8 +1,8 @@
 use super::{
     ActuatorCrosstalk, ActuatorDeadZone, ActuatorDelay, ActuatorGain, ActuatorGainDrift, ActuatorHysteresis,
     ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, AddedDamping, AddedMass, AddedStiffness, Backlash, Clearance,
-    ColouredDisturbance, CoulombFriction, CubicStiffness, Effect, EndStop, GravitySine, JointHysteresis, MainsHum,
-    MissingMode, ModalDamping, ModalFrequency, NarrowbandDisturbance, OneSidedStop, QuadraticDamping,
+    ColouredDisturbance, CoulombFriction, CubicStiffness, Effect, EndStop, GravitySine, IwanJoint, JointHysteresis,
+    MainsHum, MissingMode, ModalDamping, ModalFrequency, NarrowbandDisturbance, OneSidedStop, QuadraticDamping,
     QuadraticStiffness, SensorCrosstalk, SensorDelay, SensorDrift, SensorDropout, SensorGain, SensorLag, SensorNoise,
     SensorOffset, SensorQuantisation, SensorSaturation, StickFriction, StiffnessDrift,
 };
@@ -34,6 +34,7 @@ impl Library {
             Box::new(CubicStiffness),
             Box::new(EndStop),
             Box::new(GravitySine),
+            Box::new(IwanJoint),
             Box::new(JointHysteresis),
             Box::new(MainsHum),
             Box::new(MissingMode),

@@ -49,7 +49,7 @@ struct Drag {
 }
 
 impl Force for Drag {
-    fn force(&self, _d: f64, v: f64, _state: f64) -> f64 {
+    fn force(&self, _d: f64, v: f64, _state: &[f64]) -> f64 {
         -self.c * v.abs() * v
     }
 }

@@ -73,7 +73,7 @@ struct Stribeck {
 }
 
 impl Force for Stribeck {
-    fn force(&self, _d: f64, v: f64, _state: f64) -> f64 {
+    fn force(&self, _d: f64, v: f64, _state: &[f64]) -> f64 {
         if v == 0.0 {
             return 0.0;
         }

@@ -91,7 +91,7 @@ pub(super) struct Stop {
 }
 
 impl Force for Stop {
-    fn force(&self, d: f64, v: f64, _state: f64) -> f64 {
+    fn force(&self, d: f64, v: f64, _state: &[f64]) -> f64 {
         let side = match self.sides {
             Sides::Both => d.signum(),
             Sides::Above => 1.0,

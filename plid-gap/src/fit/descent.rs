@@ -416,7 +416,7 @@ mod tests {
     }
 
     impl Force for Resistance {
-        fn force(&self, _d: f64, v: f64, _state: f64) -> f64 {
+        fn force(&self, _d: f64, v: f64, _state: &[f64]) -> f64 {
             -self.0 * v
         }
     }

@@ -27,7 +27,7 @@ pub(super) struct Response {
 /// The laws at one port over a run.
 pub(super) struct Coupling<'a> {
     response: Response,
-    laws: Vec<(&'a dyn Force, f64)>,
+    laws: Vec<(&'a dyn Force, Vec<f64>)>,
     load: Load,
     /// Displacement to which the states of the laws belong, velocity and force of the last step.
     before: Option<(f64, f64, f64)>,
@@ -48,7 +48,12 @@ impl<'a> Coupling<'a> {
         let sum = |of: fn(&Load) -> f64| loads.iter().map(of).sum();
         let load =
             Load { stiffness: sum(|load| load.stiffness), damping: sum(|load| load.damping), mass: sum(|l| l.mass) };
-        Self { response, laws: laws.into_iter().map(|law| (law, 0.0)).collect(), load, before: None }
+        Self {
+            response,
+            laws: laws.into_iter().map(|law| (law, vec![0.0; law.states()])).collect(),
+            load,
+            before: None,
+        }
     }
 
     /// Returns the force over the next step from the motion before it. `pushed` is a force that acts in addition.
@@ -59,13 +64,13 @@ impl<'a> Coupling<'a> {
         let middle = displacement + (1.0 - weight) * step * velocity;
         let from = self.before.map_or(0.0, |(d, _, _)| d);
         for (law, state) in &mut self.laws {
-            *state = law.advance(from, middle, *state);
+            law.advance(from, middle, state);
         }
         let free = velocity + last + mobility * pushed;
         let mut force = self.moving(middle, velocity, free);
         for (law, state) in &self.laws {
             if let Some(most) = law.holds() {
-                force += held(*law, *state, most, middle, velocity, free + mobility * force, mobility);
+                force += held(*law, state, most, middle, velocity, free + mobility * force, mobility);
             }
         }
         self.before = Some((middle, velocity, force + pushed));
@@ -78,7 +83,7 @@ impl<'a> Coupling<'a> {
         let Load { stiffness, damping, mass } = self.load;
         let laws = |v: f64| {
             let moving = self.laws.iter().filter(|(law, _)| law.holds().is_none());
-            moving.map(|(law, state)| law.force(d, v, *state)).sum::<f64>() - stiffness * d - damping * v
+            moving.map(|(law, state)| law.force(d, v, state)).sum::<f64>() - stiffness * d - damping * v
         };
         // The inertia of an added mass is solved for exactly.
         let inertia = (1.0 + mass * mobility / step).max(Load::LEAST_INERTIA);
@@ -119,7 +124,7 @@ fn solve(f: impl Fn(f64) -> f64) -> f64 {
 
 /// Returns the force of dry friction. It is that of sliding, unless this would reverse the motion. In that case it is
 /// the force that stops the port, limited to the friction.
-fn held(law: &dyn Force, state: f64, most: f64, d: f64, v: f64, free: f64, mobility: f64) -> f64 {
+fn held(law: &dyn Force, state: &[f64], most: f64, d: f64, v: f64, free: f64, mobility: f64) -> f64 {
     let slides = law.force(d, v, state);
     if v != 0.0 && (free + mobility * slides) * v > 0.0 {
         return slides;
@@ -135,7 +140,7 @@ mod tests {
     struct Law(fn(f64, f64) -> f64, Option<f64>);
 
     impl Force for Law {
-        fn force(&self, d: f64, v: f64, _state: f64) -> f64 {
+        fn force(&self, d: f64, v: f64, _state: &[f64]) -> f64 {
             self.0(d, v)
         }
 

@@ -158,8 +158,11 @@ impl<'s> Runs<'s> {
     fn resting(&self, Prepared { drive, values, at, .. }: &Prepared) -> Option<Channels> {
         let rest = self.rest.as_ref()?;
         let driven = drive.u.iter().flatten().any(|u| *u != 0.0);
-        let acts =
-            |(_, law): &(usize, &dyn Force)| law.force(0.0, 0.0, 0.0) != 0.0 || law.advance(0.0, 0.0, 0.0) != 0.0;
+        let acts = |(_, law): &(usize, &dyn Force)| {
+            let mut state = vec![0.0; law.states()];
+            law.advance(0.0, 0.0, &mut state);
+            state.iter().any(|state| *state != 0.0) || law.force(0.0, 0.0, &state) != 0.0
+        };
         if driven || !at.pushes.is_empty() || at.laws.iter().any(acts) || *values != self.description().values() {
             return None;
         }

@@ -31,7 +31,9 @@ pub fn closest_law<'a>(
     let at = |x: f64| if *sibling == Flexible::Stiffness { (x * rms, 0.0) } else { (0.0, x * rms) };
     let force = |actions: &[Action], x: f64| {
         let (d, v) = at(x);
-        let of = |action: &Action| if let Action::Force(_, force) = action { force.force(d, v, 0.0) } else { 0.0 };
+        let of = |action: &Action| {
+            if let Action::Force(_, force) = action { force.force(d, v, &vec![0.0; force.states()]) } else { 0.0 }
+        };
         actions.iter().map(of).sum::<f64>()
     };
     let curve = |effects: &[Placed]| {

@@ -88,11 +88,11 @@ fn on_a_given_motion(port: &Port, law: &dyn Force, drive: &Drive, y: &mut Channe
     let Some(input) = port.moved_by() else { return };
     let d: Vec<f64> = drive.u[input].iter().step_by(drive.parts).copied().collect();
     let v = slope(&d, drive.rate);
-    let (mut state, mut before) = (0.0, d.first().copied().unwrap_or(0.0));
+    let (mut state, mut before) = (vec![0.0; law.states()], d.first().copied().unwrap_or(0.0));
     for (k, (&d, &v)) in d.iter().zip(&v).enumerate() {
-        state = law.advance(before, d, state);
+        law.advance(before, d, &mut state);
         before = d;
-        let force = law.force(d, v, state);
+        let force = law.force(d, v, &state);
         y.iter_mut().zip(&port.output).for_each(|(y, share)| y[k] += share * force);
     }
 }

@@ -102,10 +102,9 @@ struct Port<'a, const R: usize> {
 }
 
 /// The motion of a port.
-#[derive(Clone, Copy)]
 struct Moving {
     /// Of the law.
-    state: f64,
+    state: Vec<f64>,
     /// Displacement and velocity now, and the displacement to which the law's state belongs (that of the predictor).
     d: f64,
     v: f64,
@@ -319,10 +318,10 @@ impl<'a, const R: usize> Runner<'a, R> {
             let (d, v, held) = (lanes::all(motion, at_d), lanes::all(motion, at_v), lanes::all(forces, at_d));
             let change = std::array::from_fn(|r| {
                 let (law, moving) = (port.laws[r], &mut port.moving[r]);
-                moving.state = law.advance(moving.path, d[r], moving.state);
+                law.advance(moving.path, d[r], &mut moving.state);
                 moving.path = d[r];
                 let stuck = moving.hold.as_ref().is_some_and(|hold| hold.stuck);
-                if stuck { 0.0 } else { law.force(d[r], v[r], moving.state) - held[r] }
+                if stuck { 0.0 } else { law.force(d[r], v[r], &moving.state) - held[r] }
             });
             lanes::set(forces, at_v, change);
         }
@@ -392,7 +391,9 @@ impl<const R: usize> Late<R> {
 impl<'a, const R: usize> Port<'a, R> {
     fn new(laws: [&'a dyn Force; R], output: Vec<f64>) -> Self {
         let hold = |law: &dyn Force| law.holds().map(|most| Hold { most, stuck: true, force: 0.0 });
-        let moving = laws.map(|law| Moving { state: 0.0, d: 0.0, v: 0.0, path: 0.0, hold: hold(law) });
+        let at_rest =
+            |law: &dyn Force| Moving { state: vec![0.0; law.states()], d: 0.0, v: 0.0, path: 0.0, hold: hold(law) };
+        let moving = laws.map(at_rest);
         Self { laws, output, moving }
     }
 }
@@ -403,7 +404,7 @@ impl Moving {
     fn acting(&self, law: &dyn Force) -> f64 {
         match &self.hold {
             Some(hold) if hold.stuck => hold.force,
-            _ => law.force(self.d, self.v, self.state),
+            _ => law.force(self.d, self.v, &self.state),
         }
     }
 }

@@ -311,10 +311,10 @@ impl Benches {
         cases.push((declared, vec![(get("narrowband-disturbance"), Place::Frequency(133.0, port))]));
         cases.push((declared, vec![(get("missing-mode"), Place::MissingMode(186.0)), joint()]));
         cases.push((open, vec![(free("free-stiffness-course"), Place::Structure), joint()]));
-        let laws =
-            ["cubic-stiffness", "clearance", "coulomb-friction", "quadratic-damping", "joint-hysteresis"].map(get);
+        let springs = ["cubic-stiffness", "clearance", "joint-hysteresis", "iwan-joint"];
+        let laws = springs.into_iter().chain(["coulomb-friction", "quadratic-damping"]).map(get);
         let shapes = ["free-stiffness", "free-damping", "free-joint"].map(free);
-        cases.extend(laws.into_iter().chain(shapes).map(|law| (tested, vec![(law, Place::Input(1))])));
+        cases.extend(laws.chain(shapes).map(|law| (tested, vec![(law, Place::Input(1))])));
         let many = vec![
             (get("actuator-lag"), Place::Input(0)),
             (free("free-command-path"), Place::AllInputs),

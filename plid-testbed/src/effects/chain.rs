@@ -15,6 +15,9 @@ pub(crate) trait StructureEffect {
     /// Adds what a force that is no function of the state, such as one that holds a body still, does to the state over
     /// the last `_h_s` seconds, which `_x` has already gone through without it.
     fn settle(&self, _h_s: f64, _x: &mut [f64]) {}
+
+    /// Takes note of the state at the end of a step, if the force depends on where the motion has been.
+    fn end_step(&mut self, _x: &[f64]) {}
 }
 
 /// A change of the voltages between amplifier and actuator pole.

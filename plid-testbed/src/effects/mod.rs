@@ -71,6 +71,7 @@ effects! {
     "quadratic-stiffness" = structure::QuadraticStiffness;
     "coulomb-friction" = structure::CoulombFriction;
     "clearance" = structure::Clearance;
+    "iwan-joint" = structure::IwanJoint;
     "joint-hysteresis" = structure::JointHysteresis;
     "quadratic-damping" = structure::QuadraticDamping;
     "modal-frequency" = structure::ModalFrequency;

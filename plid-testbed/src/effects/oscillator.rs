@@ -117,6 +117,29 @@ fn a_gap_does_nothing_within_and_is_a_spring_far_beyond() {
     assert!((frequency(&beyond) / HZ / 1.1_f64.sqrt() - 1.0).abs() < 1e-3);
 }
 
+/// A cycle of amplitude A loses 4 R A^(3 + chi) / ((2 + chi) (3 + chi)) (Segalman 2005), and a mode w^2 times
+/// that. A joint that the plant has as a spring leaves the frequency where it is while it slips little.
+#[test]
+fn an_iwan_joint_takes_a_power_of_the_amplitude_from_each_period() {
+    let (k, slip, chi) = (0.002, 3.0_f64, -0.4);
+    let joint = format!("kind = \"iwan-joint\"\nstiffness = {k}\nslip_v = {slip}\nexponent = {chi}");
+    let d = free(&joint, 2.0, 40 * 20);
+    let a = amplitudes(&d, frequency(&d));
+    for pair in a.windows(2).skip(2) {
+        let mean = (pair[0] + pair[1]) / 2.0;
+        let density = k * (1.0 + chi) / slip.powf(1.0 + chi);
+        let expected = 4.0 * density * mean.powf(2.0 + chi) / ((2.0 + chi) * (3.0 + chi));
+        let loss = pair[0] - pair[1];
+        assert!((loss / expected - 1.0).abs() < 0.05, "{loss}, {expected}");
+    }
+    let stiff = |held: &str, slip: f64| {
+        let joint = format!("kind = \"iwan-joint\"\nstiffness = 0.1\nslip_v = {slip}\nexponent = 0.0\n{held}");
+        frequency(&free(&joint, 2.0, 4000)) / HZ
+    };
+    assert!((stiff("", 1e4) / 1.1_f64.sqrt() - 1.0).abs() < 1e-3 && (stiff("held = 1.0", 1e4) - 1.0).abs() < 1e-3);
+    assert!((stiff("held = 1.0", 1e-4) / 0.9_f64.sqrt() - 1.0).abs() < 1e-3);
+}
+
 /// The area of the steady loop of z over the displacement, in closed form: z unloads straight from -Z to 0 over Z, then
 /// follows dy (1 - exp(-x / dy)) over the L left of the stroke 2 A. A mode loses w^2 k times that in a period.
 #[test]

@@ -96,6 +96,7 @@ fn place_of(kind: &str) -> Option<Place> {
         | "quadratic-stiffness"
         | "coulomb-friction"
         | "clearance"
+        | "iwan-joint"
         | "joint-hysteresis"
         | "quadratic-damping"
         | "stick-friction"
@@ -187,6 +188,10 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
         "quadratic-stiffness" => json!({ "stiffness_per_v": sign * 0.01 / d }),
         "coulomb-friction" => json!({ "friction_v": 0.01, "transition_v_per_s": within(0.05, 0.15) * v }),
         "clearance" => json!({ "stiffness": sign * 0.01, "gap_v": within(0.6, 1.6) * d }),
+        // The simulation lacks the joint, or has it as a spring.
+        "iwan-joint" => json!({
+            "stiffness": 0.01, "slip_v": within(1.5, 4.0) * d, "exponent": within(-0.8, -0.2), "held": sign.max(0.0),
+        }),
         "joint-hysteresis" => json!({ "stiffness": 0.01, "yield_v": within(0.4, 1.2) * d }),
         "quadratic-damping" => json!({ "damping_s2_per_v": 0.01 / (v * v), "scale_v_per_s": v }),
         "modal-frequency" => json!({ "change": sign * 0.005 }),

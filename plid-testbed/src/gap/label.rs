@@ -112,6 +112,8 @@ impl LabelledEffect {
             "cubic-stiffness" | "quadratic-stiffness" => &["k"],
             "coulomb-friction" => &["F", "v0"],
             "clearance" => &["k", "g"],
+            // The last one only where it is not zero.
+            "iwan-joint" => &["k", "dm", "chi", "s"][..self.par.len().min(4)],
             "joint-hysteresis" => &["k", "dy"],
             "quadratic-damping" | "actuator-crosstalk" | "sensor-crosstalk" => &["c"],
             "stick-friction" => &["Fc", "Fs", "vs"],
@@ -163,6 +165,7 @@ impl LabelledEffect {
             | "quadratic-stiffness"
             | "coulomb-friction"
             | "clearance"
+            | "iwan-joint"
             | "joint-hysteresis"
             | "quadratic-damping"
             | "stick-friction"

@@ -2,7 +2,7 @@ use std::fs;
 
 use plid_testbed::gap::{EffectSpec, Excitation, GapCase, GapError, GapSpec, draw};
 
-const STRUCTURE: [&str; 10] = [
+const STRUCTURE: [&str; 11] = [
     "cubic-stiffness",
     "quadratic-stiffness",
     "coulomb-friction",
@@ -13,6 +13,7 @@ const STRUCTURE: [&str; 10] = [
     "modal-damping",
     "missing-mode",
     "stiffness-drift",
+    "iwan-joint",
 ];
 const BESIDE_THE_STRUCTURE: [&str; 22] = [
     "actuator-saturation",
@@ -123,6 +124,7 @@ fn near_misses_meet_their_target_too() {
         ("sensor-quantisation", "truncate"),
         ("sensor-dropout", "half"),
         ("narrowband-disturbance", "wandering"),
+        ("iwan-joint", "kink"),
     ]
     .into_iter()
     .enumerate()

@@ -304,7 +304,7 @@ struct Power {
 }
 
 impl Force for Power {
-    fn force(&self, d: f64, v: f64, _state: f64) -> f64 {
+    fn force(&self, d: f64, v: f64, _state: &[f64]) -> f64 {
         self.coefficient * d.powi(self.d) * v.powi(self.v)
     }
 }
@@ -391,6 +391,6 @@ mod tests {
         let mut drive = Drive { parts: 2, u: vec![vec![1.0, 2.0, 4.0, 8.0]], rate: 1.0, t0: 0.0 };
         Command::apply(&Added { term: Term::CommandStep { input: 0 }, coefficient: 1.0 }, &mut drive);
         assert_eq!(drive.u[0], [2.0, 4.0, 7.0, 14.0]);
-        assert_eq!(Power { d: 2, v: 1, coefficient: 3.0 }.force(2.0, 5.0, 0.0), 60.0);
+        assert_eq!(Power { d: 2, v: 1, coefficient: 3.0 }.force(2.0, 5.0, &[]), 60.0);
     }
 }

@@ -1,6 +1,7 @@
 //! Forces inside the structure, integrated in continuous time from the matrices and ports of model.json; and changed
 //! modes, compared with a structure that is built with them.
 
+use std::cell::{Cell, RefCell};
 use std::f64::consts::TAU;
 
 use nalgebra::{DMatrix, DVector, dmatrix};
@@ -22,6 +23,8 @@ pub const CHECKS: &[Check] = &[
     Check { effect: "backlash", limit: 2.5e-3, measure: |effect| BACKLASH.disagreement(effect) },
     Check { effect: "joint-hysteresis", limit: 2.5e-3, measure: |effect| HYSTERESIS.disagreement(effect) },
     Check { effect: "joint-hysteresis", limit: 2.5e-3, measure: |effect| STIFFENING_JOINT.disagreement(effect) },
+    // Sliders for a continuous density: their sum is right to 0.05 % of the largest force.
+    Check { effect: "iwan-joint", limit: 2.5e-3, measure: |effect| slips_little_by_little(effect, [0.0, 1.0]) },
     Check { effect: "quadratic-damping", limit: 2.5e-3, measure: |effect| DRAG.disagreement(effect) },
     Check { effect: "modal-frequency", limit: 1e-5, measure: |effect| moved(effect, 0.02, 1.02, 1.0) },
     Check { effect: "modal-damping", limit: 1e-5, measure: |effect| moved(effect, 1.6, 1.0, 1.6) },
@@ -334,6 +337,56 @@ fn bounces(effect: &dyn Effect, one_sided: bool) -> f64 {
             (rate[0], rate[1]) = (x[1], (u - 3.0 * x[1] + force) / 2.0);
         });
     })
+}
+
+/// The mass is on a joint of Iwan's, of which the simulation has this share of its stiffness. The joint's force follows
+/// the curve of its first loading, and after each turn of the motion the same curve at twice its size (Masing), until a
+/// loop closes: no slider is simulated.
+fn slips_little_by_little(effect: &dyn Effect, shares: [f64; 2]) -> f64 {
+    const PIECES: usize = 50;
+    let (spring, [k, dm, chi]) = (60.0, [25.0, 0.05, -0.4]);
+    let curve = |d: f64| {
+        let x = (d.abs() / dm).min(1.0);
+        d.signum() * k * dm * (x - x.powf(2.0 + chi) / (2.0 + chi))
+    };
+    let off = shares.map(|s| {
+        // The turns of the motion with the force at each, and the displacement up to which they are known.
+        let (turns, known) = (RefCell::new(Vec::<(f64, f64)>::new()), Cell::new(0.0));
+        let branch = |d: f64| match turns.borrow().last() {
+            Some((at, force)) => force + 2.0 * curve((d - at) / 2.0),
+            None => curve(d),
+        };
+        on_an_axis(effect, &[k, dm, chi, s], [spring, 1.0], |u, x| {
+            for _ in 0..PIECES {
+                truth::advance(x, 0.0, 1.0 / (RATE * PIECES as f64), truth::TOLERANCE, |_, x, rate| {
+                    let joint = s * k * x[0] - branch(x[0]);
+                    (rate[0], rate[1]) = (x[1], (u - 3.0 * x[1] - spring * x[0] + joint) / 2.0);
+                });
+                let (to, from) = (x[0], known.replace(x[0]));
+                let before = turns.borrow().last().map_or(0.0, |turn| turn.0);
+                if (from - before) * (to - from) < 0.0 {
+                    let turn = (from, branch(from));
+                    turns.borrow_mut().push(turn);
+                }
+                close(&mut turns.borrow_mut(), to);
+            }
+        })
+    });
+    off[0].max(off[1])
+}
+
+/// Forgets the turns whose loops a motion to `d` has closed.
+fn close(turns: &mut Vec<(f64, f64)>, d: f64) {
+    while let [.., (outer, _), (inner, _)] = turns[..]
+        && (d - outer) * (outer - inner) >= 0.0
+    {
+        turns.truncate(turns.len() - 2);
+    }
+    if let [(only, _)] = turns[..]
+        && d.abs() >= only.abs()
+    {
+        turns.clear();
+    }
 }
 
 /// The slider sticks and slips: between the times at which its velocity passes zero, which are found by bisection, the

@@ -1,0 +1,248 @@
+use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
+
+/// Number of Jenkins elements. For a chi up to 0 the backbone then agrees with its closed form within 0.05 % of the
+/// largest force, and the energy lost in a cycle within 0.5 % down to an amplitude of dm / 10, and 2.5 % down to
+/// dm / 100.
+const ELEMENTS: usize = 64;
+
+/// Displacements of full slip from which fits start, over the RMS of the linear simulation: within the motion, and
+/// beyond it.
+const SLIPS: [f64; 2] = [1.5, 5.0];
+
+/// The same for a given motion, which may be far beyond: nothing but the testing machine limits it.
+const FAR: [f64; 2] = [0.01, 0.1];
+
+/// The exponent from which fits start. Those of bolted joints lie between -1 and 0.
+const EXPONENT: f64 = -0.5;
+
+/// The least exponent. At -1, all elements would slip at once.
+const LEAST_EXPONENT: f64 = -0.95;
+
+/// The largest exponent. Segalman's are at most 0; the rest is for errors of a fit. Far above, most elements slip
+/// together, and the joint has one displacement at which it yields: that is joint-hysteresis with another knee.
+const LARGEST_EXPONENT: f64 = 0.2;
+
+/// Displacement of full slip over the RMS from which the joint is almost a spring.
+const LARGEST_SLIP: f64 = 30.0;
+
+/// The largest distance of the share s from what it may mean: that the simulation has none or all of the joint's
+/// stiffness.
+const BESIDE: f64 = 0.5;
+
+/// A joint that slips little by little: sliders in series with springs (Jenkins elements), in parallel, which yield at
+/// all displacements up to dm. The density of the springs' stiffness over the displacements at which they yield is a
+/// power law of exponent chi. A cycle of amplitude A below dm therefore loses an energy in proportion to A^(3 + chi).
+///
+/// This is the model of Iwan with the density of Segalman (J. Appl. Mech. 72, 2005, 752), without the share of sliders
+/// that all yield at full slip (his beta is 0): k is his K_T, and the force of full slip, his F_S, is
+/// k dm (1 + chi) / (2 + chi). With chi = 0 all yield displacements are equally frequent (W. D. Iwan, J. Appl. Mech.
+/// 33, 1966, 893).
+///
+/// The simulation may hold a share s of the stiffness k of the stuck joint, which is then taken out of it. On a single
+/// mode and on a structure of a single mode, s is 1 if it is left out: the simulation was identified at a low level, or
+/// has the joint as a spring. At other ports it is 0, and the simulation lacks the joint.
+pub struct IwanJoint;
+
+impl Effect for IwanJoint {
+    fn name(&self) -> &'static str {
+        "iwan-joint"
+    }
+
+    fn side(&self) -> Side {
+        Side::Structure
+    }
+
+    fn equation(&self) -> &'static str {
+        "f = k (s d - (1 + chi) int z_x x^chi dx), x = 0..1; dz_x/dt = v where abs(z_x) < x dm or z_x returns, else 0; \
+        without s it is 0, on a mode 1"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![
+            Parameter::new("k", "force/displacement", Range::Positive),
+            Parameter::new("dm", "displacement", Range::Positive),
+            Parameter::new("chi", "1", Range::Signed),
+            Parameter::new("s", "1", Range::Signed).or_left_out(),
+        ]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.springs()
+    }
+
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let port = setting.port(place);
+        let (force, d) = (setting.force[port], setting.d_rms[port]);
+        let moved = setting.plant.ports[port].moved_by().is_some();
+        let far: &[f64] = if moved { &FAR } else { &[] };
+        let lacking = SLIPS.iter().chain(far).map(|share| vec![0.01 * force / d, share * d, EXPONENT]);
+        let may_hold = !holds(setting, port) && !moved && setting.stiffness[port] > 0.0;
+        let held = SLIPS.iter().filter(|_| may_hold).map(|share| vec![0.01 * force / d, share * d, EXPONENT, 1.0]);
+        lacking.chain(held).collect()
+    }
+
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        Some((0, 0.0))
+    }
+
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        let port = setting.port(place);
+        let moved = setting.plant.ports[port].moved_by().is_some();
+        let least = if moved { 1e-3 } else { 0.01 };
+        let s = held_share(setting, port, parameters);
+        (least..LARGEST_SLIP).contains(&(parameters[1] / setting.d_rms[port]))
+            && (LEAST_EXPONENT..LARGEST_EXPONENT).contains(&parameters[2])
+            && (-BESIDE..1.0 + BESIDE).contains(&s)
+            // A simulation cannot hold more than the stiffness that it has.
+            && (moved || s <= 0.0 || s * parameters[0] < setting.stiffness[port])
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Joint)
+    }
+
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let port = setting.port(place);
+        let s = held_share(setting, port, parameters);
+        vec![Action::Force(port, Box::new(Sliders::new(parameters[0], parameters[1], parameters[2], s)))]
+    }
+}
+
+/// Returns whether the simulation holds the stiffness of a joint at a port if nothing else is said.
+fn holds(setting: &Setting, port: usize) -> bool {
+    setting.is_on_a_mode(port) || setting.plant.modes.len() == 1
+}
+
+/// Returns the share of the joint's stiffness that the simulation holds.
+fn held_share(setting: &Setting, port: usize, parameters: &[f64]) -> f64 {
+    let unsaid = if holds(setting, port) { 1.0 } else { 0.0 };
+    parameters.get(3).copied().unwrap_or(unsaid)
+}
+
+/// Jenkins elements in parallel. The state is the stretch of each one's spring.
+struct Sliders {
+    k: f64,
+    s: f64,
+    /// The stretch at which each slider yields.
+    yields: [f64; ELEMENTS],
+    /// Share of each spring in k.
+    shares: [f64; ELEMENTS],
+}
+
+impl Sliders {
+    /// Divides the yield displacements into intervals that are shorter towards zero. Each interval has one element with
+    /// its stiffness and its force of full slip, so that the backbone is exact where intervals meet.
+    fn new(k: f64, dm: f64, chi: f64, s: f64) -> Self {
+        let power = 1.0 + chi.max(LEAST_EXPONENT);
+        let edge = |j: usize| (j as f64 / ELEMENTS as f64).powi(3);
+        let between = |j: usize, power: f64| edge(j + 1).powf(power) - edge(j).powf(power);
+        let shares = std::array::from_fn(|j| between(j, power));
+        let yields = std::array::from_fn(|j| dm * power / (power + 1.0) * between(j, power + 1.0) / between(j, power));
+        Self { k, s, yields, shares }
+    }
+}
+
+impl Force for Sliders {
+    fn force(&self, d: f64, _v: f64, state: &[f64]) -> f64 {
+        let stretch: f64 = self.shares.iter().zip(state).map(|(share, z)| share * z).sum();
+        self.k * (self.s * d - stretch)
+    }
+
+    fn states(&self) -> usize {
+        ELEMENTS
+    }
+
+    /// The result is exact for a motion in one direction.
+    fn advance(&self, from: f64, to: f64, state: &mut [f64]) {
+        for (z, most) in state.iter_mut().zip(&self.yields) {
+            *z = (*z + (to - from)).max(-most).min(*most);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EXPONENTS: [f64; 4] = [-0.9, -0.5, 0.0, 0.5];
+
+    /// Returns the force of the joint itself along a way from rest.
+    fn along(chi: f64, way: impl Iterator<Item = f64>) -> Vec<f64> {
+        let joint = Sliders::new(3.0, 2.0, chi, 0.0);
+        let (mut state, mut before) = (vec![0.0; joint.states()], 0.0);
+        let step = |d: f64| {
+            joint.advance(before, d, &mut state);
+            before = d;
+            -joint.force(d, 0.0, &state)
+        };
+        way.map(step).collect()
+    }
+
+    /// The force of Segalman's joint as it is loaded for the first time, with k = 3 and dm = 2: from the density
+    /// R x^chi, k x - R x^(2 + chi) / ((1 + chi) (2 + chi)).
+    fn backbone(chi: f64, d: f64) -> f64 {
+        let (k, dm) = (3.0, 2.0_f64);
+        let density = k * (1.0 + chi) / dm.powf(1.0 + chi);
+        let d = d.min(dm);
+        k * d - density * d.powf(2.0 + chi) / ((1.0 + chi) * (2.0 + chi))
+    }
+
+    #[test]
+    fn the_backbone_is_that_of_the_closed_form() {
+        for chi in EXPONENTS {
+            let way = || (1..=500).map(|j| f64::from(j) * 0.005);
+            let slip = 3.0 * 2.0 * (1.0 + chi) / (2.0 + chi);
+            let far = |(force, d): (f64, f64)| (force - backbone(chi, d)).abs() / slip;
+            let far = along(chi, way()).into_iter().zip(way()).map(far).fold(0.0, f64::max);
+            assert!(far < 7e-4, "{chi}: {far:.1e}");
+            assert!((backbone(chi, 2.5) / slip - 1.0).abs() < 1e-12);
+        }
+    }
+
+    /// The energy lost in a cycle of amplitude A is 4 R A^(3 + chi) / ((3 + chi) (2 + chi)).
+    #[test]
+    fn the_energy_lost_in_a_cycle_grows_with_the_power_three_plus_chi() {
+        const STEPS: i32 = 20_000;
+        for chi in EXPONENTS {
+            let lost = |amplitude: f64| {
+                let at = move |j: i32| amplitude * (std::f64::consts::TAU * f64::from(j) / f64::from(STEPS)).sin();
+                let forces = along(chi, (0..=2 * STEPS).map(at));
+                let work = |j: i32| 0.5 * (forces[j as usize] + forces[j as usize + 1]) * (at(j + 1) - at(j));
+                (STEPS..2 * STEPS).map(work).sum::<f64>()
+            };
+            let expected = |amplitude: f64| {
+                let density = 3.0 * (1.0 + chi) / 2.0_f64.powf(1.0 + chi);
+                4.0 * density * amplitude.powf(3.0 + chi) / ((3.0 + chi) * (2.0 + chi))
+            };
+            for (amplitude, limit) in [(2.0, 0.0015), (0.9, 0.004), (0.2, 0.008), (0.02, 0.04)] {
+                let off = lost(amplitude) / expected(amplitude) - 1.0;
+                println!("{chi} {amplitude} {off:.1e}");
+                assert!(off.abs() < limit, "{chi}, {amplitude}: {off:.1e}");
+            }
+            let exponent = (lost(1.6) / lost(0.16)).log10();
+            assert!((exponent - 3.0 - chi).abs() < 0.02, "{chi}: {exponent}");
+        }
+    }
+
+    /// A motion backwards and forwards again closes its loop, and goes on where it was left (Masing, 1926).
+    #[test]
+    fn a_loop_closes() {
+        let forces = along(-0.3, [1.2, -0.4, 0.7, 0.1, 0.7, -0.4, 1.2].into_iter());
+        assert!((forces[2] - forces[4]).abs() < 1e-12 && (forces[1] - forces[5]).abs() < 1e-12);
+        assert!((forces[0] - forces[6]).abs() < 1e-12);
+        let back = |from: f64, to: f64| 2.0 * backbone(-0.3, 0.5 * (from - to));
+        assert!((forces[0] - forces[1] - back(1.2, -0.4)).abs() < 0.02);
+    }
+
+    /// While it sticks, a joint whose stiffness the simulation holds does nothing.
+    #[test]
+    fn a_stuck_joint_that_the_simulation_holds_has_no_force() {
+        let joint = Sliders::new(3.0, 2.0, 0.0, 1.0);
+        let mut state = vec![0.0; joint.states()];
+        let d = 0.9 * joint.yields[0];
+        joint.advance(0.0, d, &mut state);
+        assert!(joint.force(d, 0.0, &state).abs() < 1e-12 * d);
+        joint.advance(d, 1.0, &mut state);
+        assert!((joint.force(1.0, 0.0, &state) - (3.0 - backbone(0.0, 1.0))).abs() < 0.02);
+    }
+}

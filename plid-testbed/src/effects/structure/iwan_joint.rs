@@ -1,0 +1,192 @@
+//! A joint that slips little by little: Iwan's, by its closed form and the turning points that it remembers.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::{finite, positive};
+use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Input;
+use crate::error::TestbedError;
+use crate::plant::StrutPort;
+
+/// f = k s d - F, where F is the force of sliders with springs in parallel. Their stiffness has the density R x^chi
+/// over the displacements x up to `slip_v` at which they yield (D. J. Segalman, J. Appl. Mech. 72, 2005, 752).
+///
+/// At its first loading F is k d - R d^(2 + chi) / ((1 + chi) (2 + chi)). After every turn it follows this curve at
+/// twice its size, until it reaches the turn before: Masing's rules, which hold exactly for such sliders.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct IwanJoint {
+    /// The input whose strut it is.
+    pub at: Input,
+    /// k, V/V; positive: the stiffness while it sticks.
+    pub stiffness: f64,
+    /// V; positive: the displacement from rest at which all sliders slip.
+    pub slip_v: f64,
+    /// chi, above -1.
+    pub exponent: f64,
+    /// s, the share of k that the plant without the effect has; the effect takes it out.
+    #[serde(default)]
+    pub held: f64,
+    /// The density of the sliders.
+    #[serde(default)]
+    pub law: SliderLaw,
+}
+
+/// The density of the sliders over the displacements at which they yield.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SliderLaw {
+    /// A power up to the largest displacement.
+    #[default]
+    Power,
+    /// A third of the stiffness yields at the largest displacement alone (Segalman's beta is 1/2).
+    Kink,
+}
+
+impl IwanJoint {
+    /// Returns the force of the joint as it is loaded for the first time, an odd function of the displacement.
+    fn first_loading(&self, d: f64) -> f64 {
+        let (chi, most) = (self.exponent, self.slip_v);
+        let together = if self.law == SliderLaw::Kink { 1.0 / 3.0 } else { 0.0 };
+        let x = (d.abs() / most).min(1.0);
+        let spread = x - x.powf(2.0 + chi) / (2.0 + chi);
+        d.signum() * self.stiffness * most * ((1.0 - together) * spread + together * x)
+    }
+}
+
+/// A turn of the motion: the displacement, and the joint's force there.
+#[derive(Clone, Copy)]
+struct Turn {
+    d: f64,
+    force: f64,
+}
+
+/// The joint with the turns of its motion that it remembers, the outermost first. Their directions alternate.
+struct Remembering {
+    joint: IwanJoint,
+    port: StrutPort,
+    turns: Vec<Turn>,
+    /// At the end of the last step.
+    now: Turn,
+}
+
+impl Remembering {
+    /// Returns the turn that a motion from here to `d` makes at once, if it goes back.
+    fn turn(&self, d: f64) -> Option<Turn> {
+        let from = self.turns.last().map_or(0.0, |turn| turn.d);
+        ((self.now.d - from) * (d - self.now.d) < 0.0).then_some(self.now)
+    }
+
+    /// Returns how many of the turns remain at `d`, counting `turn`. A motion that reaches the turn before the last
+    /// closes a loop, and one that leaves all turns behind follows its first loading again.
+    fn remaining(&self, d: f64, turn: Option<Turn>) -> usize {
+        let mut left = self.turns.len() + usize::from(turn.is_some());
+        let at = |j: usize| self.turns.get(j).copied().or(turn).map_or(0.0, |turn| turn.d);
+        while left >= 2 && (d - at(left - 2)) * (at(left - 2) - at(left - 1)) >= 0.0 {
+            left -= 2;
+        }
+        if left == 1 && d.abs() >= at(0).abs() { 0 } else { left }
+    }
+
+    fn force(&self, d: f64) -> f64 {
+        let turn = self.turn(d);
+        let left = self.remaining(d, turn);
+        let last = left.checked_sub(1).and_then(|j| self.turns.get(j).copied().or(turn));
+        match last {
+            Some(turn) => turn.force + 2.0 * self.joint.first_loading((d - turn.d) / 2.0),
+            None => self.joint.first_loading(d),
+        }
+    }
+
+    fn move_to(&mut self, d: f64) {
+        let (force, turn) = (self.force(d), self.turn(d));
+        let left = self.remaining(d, turn);
+        self.turns.extend(turn);
+        self.turns.truncate(left);
+        self.now = Turn { d, force };
+    }
+}
+
+impl StructureEffect for Remembering {
+    fn add_rate(&self, _t_s: f64, x: &[f64], rate: &mut [f64]) {
+        let d = dot(&self.port.displacement, x);
+        add_scaled(rate, &self.port.force, self.joint.stiffness * self.joint.held * d - self.force(d));
+    }
+
+    fn end_step(&mut self, x: &[f64]) {
+        self.move_to(dot(&self.port.displacement, x));
+    }
+}
+
+impl Law for IwanJoint {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("stiffness", self.stiffness)?;
+        positive("slip_v", self.slip_v)?;
+        finite("held", self.held)?;
+        positive("exponent + 1", self.exponent + 1.0)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let port = site.truss.ports[self.at.0].clone();
+        let now = Turn { d: 0.0, force: 0.0 };
+        chain.structure.push(Box::new(Remembering { joint: self.clone(), port, turns: Vec::new(), now }));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.stiffness *= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        let held = (self.held != 0.0).then_some(self.held);
+        [self.stiffness, self.slip_v, self.exponent].into_iter().chain(held).collect()
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == SliderLaw::Power
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Twenty thousand sliders, one by one.
+    #[test]
+    fn masing_s_rules_are_the_sliders_sum() {
+        const SLIDERS: usize = 20_000;
+        for (exponent, law) in [(-0.6, SliderLaw::Power), (0.0, SliderLaw::Power), (-0.3, SliderLaw::Kink)] {
+            let joint = IwanJoint { at: Input(0), stiffness: 1.7, slip_v: 0.9, exponent, held: 0.0, law };
+            let port = StrutPort { input: 0, force: Vec::new(), displacement: Vec::new(), velocity: Vec::new() };
+            let now = Turn { d: 0.0, force: 0.0 };
+            let mut remembering = Remembering { joint, port, turns: Vec::new(), now };
+            let together = if law == SliderLaw::Kink { 1.0 / 3.0 } else { 0.0 };
+            let edge = |j: usize| (j as f64 / SLIDERS as f64).powf(3.0);
+            let share = |j: usize| edge(j + 1).powf(1.0 + exponent) - edge(j).powf(1.0 + exponent);
+            let mut sliders: Vec<(f64, f64, f64)> = (0..SLIDERS)
+                .map(|j| (0.0, 0.45 * (edge(j) + edge(j + 1)), 1.7 * (1.0 - together) * share(j)))
+                .chain([(0.0, 0.9, 1.7 * together)])
+                .collect();
+            let mut before = 0.0;
+            let turns = [0.3, -0.2, 0.1, 0.05, 0.08, -0.4, 0.5, 0.45, 0.47, 0.2, 1.4, 1.2, 1.3, -0.6, 0.0, -1.9, 0.7];
+            for to in turns {
+                let from = before;
+                for part in 1..=7 {
+                    let d = from + (to - from) * f64::from(part) / 7.0;
+                    for (z, most, _) in &mut sliders {
+                        *z = (*z + d - before).clamp(-*most, *most);
+                    }
+                    before = d;
+                    let sum: f64 = sliders.iter().map(|(z, _, k)| k * z).sum();
+                    let force = remembering.force(d);
+                    assert!((force - sum).abs() < 1e-6, "{exponent} at {d}: {force} and {sum}");
+                    remembering.move_to(d);
+                }
+            }
+        }
+    }
+}
