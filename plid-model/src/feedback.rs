@@ -200,7 +200,8 @@ mod tests {
         other.inputs = ["a", "b", "c"].map(String::from).to_vec();
         assert!(says(&plant, &other).contains("at least one output of the plant"), "{}", says(&plant, &other));
         // y = u and u = y + ... has no solution.
-        let straight = |c: f64, d: f64| Model::new(1.0, dmatrix![0.5], dmatrix![1.0], dmatrix![c], dmatrix![d]).unwrap();
+        let straight =
+            |c: f64, d: f64| Model::new(1.0, dmatrix![0.5], dmatrix![1.0], dmatrix![c], dmatrix![d]).unwrap();
         let mut gain = straight(0.0, 1.0);
         (gain.inputs, gain.outputs) = (vec!["y1".into()], vec!["u1".into()]);
         let error = close_loop(&straight(1.0, 1.0), &gain).unwrap_err();

@@ -1,38 +1,42 @@
-//! The effects that a case in closed loop cannot have.
+//! The effects that a case in closed loop cannot have: those on a command or on a measurement. They act between the
+//! plant and its controller, at each sample, whereas a simulation applies them to a whole record, before or behind it.
 
 use plid_model::Model;
 
-use crate::case::CaseConfig;
+use crate::case::{Case, CaseConfig};
 use crate::effects::{Effect, Library, Place, Setting, Side};
 use crate::error::GapError;
 use crate::plant::Plant;
 
-/// Effects on a command or on a measurement. In closed loop they act between the plant and its controller, at each
-/// sample, whereas a simulation applies them to a whole record before or behind it.
-pub struct Outside {
-    /// Names of the effects.
-    pub names: Vec<String>,
-}
-
-impl Outside {
-    /// States what was left out, and what can be done about it.
-    pub fn finding(&self) -> Option<String> {
-        (!self.names.is_empty()).then(|| {
-            format!(
-                "Left out, because a controller is declared and they act inside its loop: {}. To find them, diagnose \
-                with your own simulator of the loop under `[simulator]`, or, if the simulation is stable, with the \
-                recorded commands as inputs and without `[controller]`.",
-                self.names.join(", ")
-            )
-        })
-    }
-}
-
-/// Returns the effects of the library that act on commands or measurements and change a free run.
+/// Excludes these effects from a case in closed loop. Returns what was left out, in words, and what can be done about
+/// it.
 ///
 /// # Errors
 /// [`GapError::Model`].
-pub fn outside(model: &Model, library: &Library, without: &[String], config: &CaseConfig) -> Result<Outside, GapError> {
+pub fn leave_out(
+    case: &mut Case,
+    model: &Model,
+    library: &Library,
+    without: &[String],
+) -> Result<Option<String>, GapError> {
+    if case.controller.is_none() {
+        return Ok(None);
+    }
+    let names = outside(model, library, without, &case.config)?;
+    let finding = (!names.is_empty()).then(|| {
+        format!(
+            "Left out, because a controller is declared and they act inside its loop: {}. To find them, diagnose with \
+            your own simulator of the loop under `[simulator]`, or, if the simulation is stable, with the recorded \
+            commands as inputs and without `[controller]`.",
+            names.join(", ")
+        )
+    });
+    case.config.exclude.extend(names);
+    Ok(finding)
+}
+
+/// Returns the effects of the library that act on commands or measurements and change a free run.
+fn outside(model: &Model, library: &Library, without: &[String], config: &CaseConfig) -> Result<Vec<String>, GapError> {
     let setting = Setting::bare(&Plant::with_settings(model, &config.settings.plant)?, model);
     let is_channel = |place: &Place| matches!(place, Place::Input(_) | Place::AllInputs | Place::Output(_));
     let acts_outside = |effect: &dyn Effect| match effect.side() {
@@ -43,7 +47,7 @@ pub fn outside(model: &Model, library: &Library, without: &[String], config: &Ca
     let left_out = |effect: &&dyn Effect| {
         !effect.is_stochastic() && acts_outside(*effect) && !without.iter().any(|name| name == effect.name())
     };
-    Ok(Outside { names: library.effects().filter(left_out).map(|effect| effect.name().to_string()).collect() })
+    Ok(library.effects().filter(left_out).map(|effect| effect.name().to_string()).collect())
 }
 
 #[cfg(test)]
@@ -55,7 +59,7 @@ mod tests {
     fn what_acts_on_a_channel_is_outside() {
         let config = CaseConfig::new(1.0, Vec::new(), Vec::new());
         let found = outside(&truss(1), &Library::standard(), &[], &config).unwrap();
-        let has = |name: &str| found.names.iter().any(|other| other == name);
+        let has = |name: &str| found.iter().any(|other| other == name);
         for name in
             ["actuator-lag", "actuator-gain-drift", "actuator-crosstalk", "sensor-delay", "sensor-drift", "mains-hum"]
         {
@@ -64,6 +68,6 @@ mod tests {
         for name in ["stick-friction", "added-mass", "modal-frequency", "stiffness-drift", "narrowband-disturbance"] {
             assert!(!has(name), "{name}");
         }
-        assert!(!has("sensor-noise") && found.finding().unwrap().contains("[simulator]"));
+        assert!(!has("sensor-noise"));
     }
 }

@@ -113,11 +113,7 @@ fn look(
     }
     case.config.exclude.extend(little.left_out);
     case.config.exclude.extend(absorbed(&case, library, from_records));
-    if case.controller.is_some() {
-        let outside = controlled::outside(&model, library, without, &case.config)?;
-        found.extend(outside.finding());
-        case.config.exclude.extend(outside.names);
-    }
+    found.extend(controlled::leave_out(&mut case, &model, library, without)?);
     let explained = mismatch.as_ref().filter(|mismatch| mismatch.explains);
     found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
     if let Some(mismatch) = explained {
