@@ -291,7 +291,7 @@ def in_time(model, q):
 
 
 class Loop:
-    """A controller that reads the outputs at each sample, and whose command is added to the inputs until the next one."""
+    """A controller that reads the outputs at each sample. Its command is added to the inputs until the next one."""
 
     def __init__(self, law, model):
         a, b, c, d = (np.array(law[key], float) for key in "ABCD")

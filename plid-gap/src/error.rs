@@ -69,7 +69,8 @@ pub enum GapError {
     },
     /// The loop of the simulation and the controller is unstable.
     #[error(
-        "{}: the loop that it closes around the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} Hz",
+        "{}: the loop that it closes around the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} \
+        Hz",
         file.display()
     )]
     #[diagnostic(help(

@@ -25,7 +25,7 @@ pub struct Arguments {
     /// The outputs, CSV.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Outputs measured in closed loop, if the input is the command recorded with them: the feedback is removed from it.
+    /// Outputs measured in closed loop, if the input is the command recorded with them: the feedback is removed.
     #[arg(long, value_name = "FILE")]
     measured: Option<PathBuf>,
     /// Start time since the first record began, for drifts and hum [default: end of the last record].

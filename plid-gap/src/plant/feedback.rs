@@ -46,8 +46,8 @@ impl Plant {
         (DMatrix::identity(self.p, self.p) - loop_gain).try_inverse()
     }
 
-    /// Returns the response p x m at a frequency, for held inputs; in closed loop, for what is added to the controller's
-    /// commands.
+    /// Returns the response p x m at a frequency, for held inputs; in closed loop, for what is added to the commands of
+    /// the controller.
     pub fn response(&self, hz: f64) -> DMatrix<C> {
         let open = self.open_response(hz);
         self.sensitivity(hz).map_or(open.clone(), |sensitivity| sensitivity * open)

@@ -31,8 +31,8 @@ fn piece(j: usize, spacing: f64, hz: f64, t: f64) -> f64 {
     hat * if j.is_multiple_of(2) { phase.cos() } else { phase.sin() }
 }
 
-/// Returns the free decays of all modes, as cosine and sine: p channels each. None in closed loop, where no mode decays by
-/// itself.
+/// Returns the free decays of all modes, as cosine and sine: p channels each. None in closed loop, where no mode decays
+/// by itself.
 pub fn decays(plant: &Plant, samples: usize) -> Vec<Channels> {
     let decay = |mode: &Mode, phase: C| -> Channels {
         let turn = (mode.pole / plant.rate).exp();

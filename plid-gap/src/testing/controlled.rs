@@ -28,8 +28,8 @@ const PENDULUM: Axis = Axis { c: 0.5, k: -20.0, ..SLIDER };
 const GENTLE: [f64; 3] = [60.0, 6.0, 0.0];
 const FIRM: [f64; 3] = [120.0, 12.0, 30.0];
 
-/// A controller with the states y of the last sample and the integral of r - y: u = p (r - y) - d (y - y before) / T + i
-/// times the integral.
+/// A controller with the states y of the last sample and the integral of r - y: u = p (r - y) - d (y - y before) / T +
+/// i times the integral.
 fn controller([p, d, i]: [f64; 3]) -> Model {
     let t = 1.0 / RATE;
     let (a, b) = (dmatrix![0.0, 0.0; 0.0, 1.0], dmatrix![1.0, 0.0; -t, t]);
@@ -84,7 +84,8 @@ fn smooth(axis: Axis, force: impl Fn(f64, f64) -> f64) -> impl Fn([f64; 2], f64)
     }
 }
 
-/// Friction that holds up to 0.3 and slides at 0.2, by small steps that end at rest where the velocity changes its sign.
+/// Friction that holds up to 0.3 and slides at 0.2, by small steps that end at rest where the velocity changes its
+/// sign.
 fn sticking(axis: Axis) -> impl Fn([f64; 2], f64) -> [f64; 2] {
     const STEPS: usize = 200;
     let h = 1.0 / (RATE * STEPS as f64);

@@ -80,8 +80,8 @@ impl Bench {
         Self { model, plant, setting, u: rig.u }
     }
 
-    /// Closes a loop from the first output, which answers to the input at once, to the first input. Its controller has a
-    /// state, and a reference where `refers` says so.
+    /// Closes a loop from the first output, which answers to the input at once, to the first input. Its controller has
+    /// a state, and a reference where `refers` says so.
     fn closed(mut self, refers: bool) -> Self {
         let gain = 0.02 * self.setting.u_rms[0] / self.setting.y_rms[0];
         let matrix =
