@@ -126,12 +126,8 @@ fn problem(ready: &Prepared, known: &Known) -> Problem {
 /// Returns what each place can do.
 fn means(problem: &Problem) -> Vec<Means> {
     let setting = &problem.setting;
-    let parts = |which: &dyn Fn(Part) -> bool| -> Vec<usize> {
-        let of = |index: &usize| problem.nuisance.part(*index).is_some_and(which);
-        (0..problem.nuisance.of_simulation()).filter(of).collect()
-    };
     let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
-    let mut all = if problem.plant.controller.is_some() { Vec::new() } else { of_channels(setting, &parts) };
+    let mut all = if problem.plant.controller.is_some() { Vec::new() } else { of_channels(problem) };
     for joint in setting.joints().into_iter().filter(|joint| !setting.is_on_a_mode(setting.port(joint))) {
         let springs: &[&'static Flexible] = &[&Flexible::Stiffness, &Flexible::Joint];
         let springs = if setting.plant.ports[setting.port(&joint)].sees_displacement() { springs } else { &[] };
@@ -139,7 +135,7 @@ fn means(problem: &Problem) -> Vec<Means> {
         let runs = shapes.flat_map(|shape| of_shape(shape, &joint, setting)).collect();
         all.push(one(Side::Structure, joint, Vec::new(), runs));
     }
-    let poles = parts(&|part| part == Part::Pole);
+    let poles = parts(problem, Part::Pole);
     all.push(one(Side::Structure, Place::Structure, poles, Vec::new()));
     for place in MissingMode.places(setting) {
         let runs = MissingMode.starts(setting, &place).into_iter().map(|start| at(&MissingMode, &place, start));
@@ -151,21 +147,28 @@ fn means(problem: &Problem) -> Vec<Means> {
     all
 }
 
-/// Returns what actuators and sensors can do. `parts` are the linear parameters of a part.
-fn of_channels(setting: &Setting, parts: &dyn Fn(&dyn Fn(Part) -> bool) -> Vec<usize>) -> Vec<Means> {
+/// Returns the linear parameters of a part.
+fn parts(problem: &Problem, part: Part) -> Vec<usize> {
+    let of = |index: &usize| problem.nuisance.part(*index) == Some(part);
+    (0..problem.nuisance.of_simulation()).filter(of).collect()
+}
+
+/// Returns what actuators and sensors can do.
+fn of_channels(problem: &Problem) -> Vec<Means> {
+    let setting = &problem.setting;
     let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
     let mut all = Vec::new();
     for (i, input) in setting.inputs().into_iter().enumerate() {
         let shapes = [&Flexible::Command, &Flexible::Hysteresis, &Flexible::Path];
         let runs = shapes.into_iter().flat_map(|shape| of_shape(shape, &input, setting)).collect();
-        all.push(one(Side::Actuator, input.clone(), parts(&|part| part == Part::Input(i)), runs));
+        all.push(one(Side::Actuator, input.clone(), parts(problem, Part::Input(i)), runs));
         all.push(one(Side::Time, input.clone(), Vec::new(), of_shape(&Flexible::GainCourse, &input, setting)));
     }
     for (o, output) in setting.outputs().into_iter().enumerate() {
         let shapes = [&Flexible::Sensor, &Flexible::SensorPath, &Flexible::ZeroCourse];
         let mut runs: Vec<_> = shapes.into_iter().flat_map(|shape| of_shape(shape, &output, setting)).collect();
         runs.push(at(&SensorOffset, &output, vec![STEP * setting.y_rms[o]]));
-        all.push(one(Side::Sensor, output, parts(&|part| part == Part::Output(o)), runs));
+        all.push(one(Side::Sensor, output, parts(problem, Part::Output(o)), runs));
     }
     all
 }
