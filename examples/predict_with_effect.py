@@ -312,11 +312,49 @@ def in_time(model, q):
     return a, b
 
 
+class Loop:
+    """A controller that reads the outputs at each sample. Its command is added to the inputs until the next one."""
+
+    def __init__(self, law, model):
+        a, b, c, d = (np.array(law[key], float) for key in "ABCD")
+        of_outputs = np.array([[name == output for output in model["outputs"]] for name in law["inputs"]], float)
+        to_inputs = np.array([[name == output for output in law["outputs"]] for name in model["inputs"]], float)
+        self.a, self.c, self.x = a, to_inputs @ c, np.zeros(len(a))
+        self.b, self.d = b @ of_outputs, to_inputs @ d @ of_outputs
+        self.references = [name for name in law["inputs"] if name not in model["outputs"]]
+        at = [law["inputs"].index(name) for name in self.references]
+        self.b_references, self.d_references = b[:, at], to_inputs @ d[:, at]
+        self.others = [i for i, name in enumerate(model["inputs"])
+                       if not self.references or name not in law["outputs"]]
+        self.drivers = self.references + [model["inputs"][i] for i in self.others]
+
+    def driven_by(self, given):
+        """The part of the inputs that is no feedback, from the references and the inputs that it does not drive."""
+        v, x = np.zeros((len(self.c), given.shape[1])), np.zeros(len(self.a))
+        references = given[:len(self.references)]
+        for k in range(given.shape[1] if self.references else 0):
+            v[:, k] = self.c @ x + self.d_references @ references[:, k]
+            x = self.a @ x + self.b_references @ references[:, k]
+        v[self.others] = given[len(self.references):]
+        return v
+
+    def answer(self, v, y, d):
+        """The feedback at a sample, by the other part of the inputs and the outputs without direct feedthrough."""
+        command = np.linalg.solve(np.eye(len(v)) - self.d @ d, v + self.c @ self.x + self.d @ y)
+        return command - v
+
+    def read(self, y):
+        self.x = self.a @ self.x + self.b @ y
+
+
 def simulate(file, u, t0):
-    """Outputs (p x samples) for inputs u (m x samples), from rest."""
+    """Outputs (p x samples) for inputs u (m x samples), from rest; in closed loop, for what drives it."""
     if file.get("intersample") == "foh":  # straight from sample to sample: on average the middle
         u = (u + np.hstack([u[:, 1:], u[:, -1:]])) / 2
     model = file.get("linear_with_modal_effects", file["linear"])
+    loop = Loop(file["controller"], model) if "controller" in file else None
+    if loop:
+        u = loop.driven_by(u)
     # A mode that was missing stands behind the others and before the rest.
     q = file["modes"] + (len(model["A"]) - len(file["linear"]["A"])) // 2
     rate, t = model["sample_rate_hz"], t0 + np.arange(u.shape[1]) / model["sample_rate_hz"]
@@ -347,7 +385,7 @@ def simulate(file, u, t0):
         u, parts = refined(u, parts, max([FORCE_PARTS] + [stiff_parts(*force, rate) for force in forces]))
     pushes = [(DISTURBANCES[name](t, p), strut(location, model)) for name, location, p in effects if name in DISTURBANCES]
     drifts = [(DRIFTS[name], p) for name, _, p in effects if name in DRIFTS]
-    y = structure(model, q, u, parts, t, forces, pushes, drifts)
+    y = structure(model, q, u, parts, t, forces, pushes, drifts, loop)
     for name, p, port in on_motions:
         d = u[model["inputs"].index(port["input"]), ::parts]
         y += np.outer(port["output"], on_a_given_motion(name, p, d, rate))
@@ -388,7 +426,7 @@ def refined(u, parts, least):
     return (np.repeat(u, least // parts, axis=1), least) if parts < least else (u, parts)
 
 
-def structure(model, q, u, parts, t, forces, pushes, drifts):
+def structure(model, q, u, parts, t, forces, pushes, drifts, loop):
     """Everything between the command and the sensors, part by part."""
     (a, b), c, d = in_time(model, q), np.array(model["C"]), np.array(model["D"])
     n, count, h = len(a), len(forces), 1 / (model["sample_rate_hz"] * parts)
@@ -420,7 +458,12 @@ def structure(model, q, u, parts, t, forces, pushes, drifts):
         for part in range(k * parts, (k + 1) * parts):
             f[:count] = law()
             if part == k * parts:
+                if loop:
+                    fed = loop.answer(u[:, part], c @ x + at_once @ f, d)
+                    u[:, part:part + parts] += fed[:, None]
                 y[:, k] = c @ x + d @ u[:, part] + at_once @ f  # sampled before the disturbance's next value acts
+                if loop:
+                    loop.read(y[:, k])
                 f[count:] = [signal[k] for signal, _ in pushes]
             x = step @ x + add @ u[:, part] + held @ f
             if waits and part == (k + 1) * parts - 1:
@@ -485,7 +528,8 @@ def main():
         sys.exit(__doc__)
     with open(sys.argv[1], encoding="utf-8") as text:
         file = json.load(text)
-    u = read_inputs(sys.argv[2], file["linear"]["inputs"])
+    inputs = Loop(file["controller"], file["linear"]).drivers if "controller" in file else file["linear"]["inputs"]
+    u = read_inputs(sys.argv[2], inputs)
     y = simulate(file, u, float(sys.argv[4]) if len(sys.argv) == 5 else file["t0"])
     np.savetxt(sys.argv[3], y.T, fmt="%.12g", delimiter=",", header=",".join(file["linear"]["outputs"]), comments="")
 

@@ -114,7 +114,7 @@ fn true_effects(label: &Path) -> Result<Vec<String>, Box<dyn Error>> {
 fn predict(to: &Path, label: &Path) -> Result<(), Box<dyn Error>> {
     let predictor = Predictor::read(&to.join("sim-with-effect.json"), &Library::standard())?;
     let table = read(&label.join("test_u.csv"), None)?;
-    let u = columns(&channels(&table, &predictor.model.inputs, MissingPolicy::Error)?);
+    let u = columns(&channels(&table, &predictor.inputs, MissingPolicy::Error)?);
     let y = predictor.run(&u, predictor.t0);
     let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);
     std::fs::write(to.join("predicted.csv"), to_csv(&predictor.model.outputs, &values))?;

@@ -56,12 +56,31 @@ pub enum GapError {
     /// The simulation is unstable.
     #[error("{}: the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} Hz", file.display())]
     #[diagnostic(help(
-        "its free run diverges; stabilise it, or leave `sim` out for a model to be identified from the records"
+        "its free run diverges; declare the controller that stabilised the records under `[controller]`, or leave \
+        `sim` out for a model to be identified from the records"
     ))]
     Unstable {
         /// The simulation's file.
         file: PathBuf,
         /// Magnitude of its largest pole.
+        magnitude: f64,
+        /// Frequency of that pole.
+        hz: f64,
+    },
+    /// The loop of the simulation and the controller is unstable.
+    #[error(
+        "{}: the loop that it closes around the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} \
+        Hz",
+        file.display()
+    )]
+    #[diagnostic(help(
+        "the records are stable, so one of the two is not what was at work: check the signs and the units of the \
+        controller's channels, and whether it subtracts the outputs that it reads"
+    ))]
+    UnstableLoop {
+        /// The controller's file.
+        file: PathBuf,
+        /// Magnitude of the largest pole of the closed loop.
         magnitude: f64,
         /// Frequency of that pole.
         hz: f64,

@@ -43,6 +43,12 @@ pub enum KeyProblem {
         /// The name.
         name: String,
     },
+    /// A controller drives something that is not an input of its plant.
+    #[error("names `{name}`, which is not an input of the plant")]
+    NoInput {
+        /// The name.
+        name: String,
+    },
 }
 
 /// The reasons why a model cannot be read, written or used.
@@ -174,6 +180,23 @@ pub enum ModelError {
         model: String,
         /// Its sample rate in Hz.
         model_hz: f64,
+    },
+    /// A plant and its controller have different sample rates.
+    #[error("the controller is sampled at {controller_hz} Hz, the plant at {plant_hz} Hz")]
+    LoopRates {
+        /// The plant's sample rate in Hz.
+        plant_hz: f64,
+        /// The controller's sample rate in Hz.
+        controller_hz: f64,
+    },
+    /// Plant and controller both respond within the same sample, and their equations have no unique solution.
+    #[error(
+        "the feedthrough of the plant and that of the controller form an algebraic loop without a unique solution: the \
+             singular values of I - D Dc have the ratio {ratio:.1e}"
+    )]
+    AlgebraicLoop {
+        /// The smallest singular value of I - D Dc over the largest.
+        ratio: f64,
     },
     /// The record ends before the first sample that is scored.
     #[error("record `{record}` has {samples} samples; scoring starts at sample {from}")]

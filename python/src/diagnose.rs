@@ -49,7 +49,7 @@ pub fn diagnose(
     let inputs: Vec<Channels> = records.iter().map(|record| record.u.clone()).collect();
     let excitations = excitations_of(&config, &inputs, &mut warnings).map_err(wrong)?;
     records.iter_mut().zip(excitations).for_each(|(record, excitation)| record.excitation = excitation);
-    let case = Case { config, model: None, records, for_simulation: Vec::new(), warnings };
+    let case = Case { config, model: None, controller: None, records, for_simulation: Vec::new(), warnings };
     let (mut simulator, shelf) = of_object(py, description.clone(), simulator);
     let mut say = |line: String| {
         let told = Python::attach(|py| {

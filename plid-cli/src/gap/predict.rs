@@ -19,12 +19,15 @@ pub struct Arguments {
     /// A diagnosis.json written by `plid gap diagnose`.
     #[arg(long, value_name = "FILE")]
     diagnosis: PathBuf,
-    /// The input, with one column named after each input of the simulation.
+    /// The input, with one column named after each input of the simulation; in closed loop, each reference.
     #[arg(long, value_name = "FILE")]
     input: PathBuf,
     /// The outputs, CSV.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Outputs measured in closed loop, if the input is the command recorded with them: the feedback is removed.
+    #[arg(long, value_name = "FILE")]
+    measured: Option<PathBuf>,
     /// Start time since the first record began, for drifts and hum [default: end of the last record].
     #[arg(long, value_name = "SECONDS")]
     t0: Option<f64>,
@@ -49,7 +52,7 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
         return in_loop::predict(&simulation, library, (input, out), *t0, folder, voice);
     }
     let predictor = Predictor::read(&simulation, library)?;
-    let u = read(&arguments.input, &predictor, &predictor.model.inputs, &simulation)?;
+    let u = arguments.driving(&predictor, &simulation)?;
     let t0 = arguments.t0.unwrap_or(predictor.t0);
     if !t0.is_finite() {
         return Err(Failure::input(format!("--t0 {t0}: give a time in seconds")));
@@ -75,11 +78,31 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
 
 impl Arguments {
     fn overwrites_nothing(&self, simulation: &Path) -> Result<(), Failure> {
-        let sources = [Some(self.diagnosis.as_path()), Some(simulation), Some(&self.input), self.simulated.as_deref()];
-        match sources.into_iter().flatten().find(|source| table::same_file(source, &self.out)) {
+        let optional = [self.simulated.as_deref(), self.measured.as_deref()];
+        let sources = [Some(self.diagnosis.as_path()), Some(simulation), Some(&self.input)].into_iter().chain(optional);
+        match sources.flatten().find(|source| table::same_file(source, &self.out)) {
             Some(source) => Err(Failure::input(format!("--out {} would overwrite what is read", source.display()))),
             None => Ok(()),
         }
+    }
+}
+
+impl Arguments {
+    /// Reads what drives the prediction.
+    fn driving(&self, predictor: &Predictor, simulation: &Path) -> Result<Channels, Failure> {
+        let Some(measured) = &self.measured else {
+            return read(&self.input, predictor, &predictor.inputs, simulation);
+        };
+        let u = read(&self.input, predictor, &predictor.model.inputs, simulation)?;
+        let y = read(measured, predictor, &predictor.model.outputs, simulation)?;
+        if u[0].len() != y[0].len() {
+            let (rows, inputs) = (y[0].len(), u[0].len());
+            return Err(Failure::input(format!("{}: {rows} rows, but the input has {inputs}", measured.display())));
+        }
+        predictor.without_feedback(&u, &y).ok_or_else(|| {
+            let message = "--measured: this simulation is not driven by commands that a controller adds to";
+            Failure::input(message.to_string())
+        })
     }
 }
 

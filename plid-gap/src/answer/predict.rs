@@ -1,13 +1,14 @@
 //! Predictions: the simulation with its effects for a new input.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use plid_model::Model;
 
 use crate::answer::range::{Beyond, FittedRange, peak};
 use crate::answer::schema::SimulationWithEffects;
-use crate::case::Intersample;
 use crate::case::record::{Channels, rms};
+use crate::case::{Controller, Intersample};
 use crate::effects::{Action, Effect, Flexible, Library, Parameter, Place, Range, Setting};
 use crate::error::GapError;
 use crate::fit::free_run::diverges;
@@ -21,6 +22,9 @@ const LONGEST_DELAY: f64 = 1e6;
 pub struct Predictor {
     /// The linear model, with names and sample rate.
     pub model: Model,
+    /// Names of the channels that a prediction is given: the inputs of the model; in closed loop those that drive the
+    /// loop ([`Controller::drivers`]).
+    pub inputs: Vec<String>,
     /// End of the last record in s.
     pub t0: f64,
     /// RMS of the noise of each output.
@@ -61,7 +65,13 @@ impl Predictor {
     pub fn new(written: SimulationWithEffects, library: &Library, path: &Path) -> Result<Self, GapError> {
         let malformed = |message: String| GapError::Malformed { file: path.into(), message };
         let model = Model::from_json(&written.linear, &path.display().to_string())?;
-        let plant = Plant::with_settings(&model, &written.plant)?;
+        let mut plant = Plant::with_settings(&model, &written.plant)?;
+        if let Some(controller) = &written.controller {
+            let place = format!("{}: controller", path.display());
+            let controller = Controller::new(&model, Model::from_json(controller, &place)?)?;
+            plant.close(Arc::new(controller));
+        }
+        let inputs = plant.controller.as_ref().map_or(model.inputs.clone(), |controller| controller.drivers());
         let setting = Setting::bare(&plant, &model);
         require_sizes(&written, &plant).map_err(malformed)?;
         let mut actions = Vec::new();
@@ -95,15 +105,22 @@ impl Predictor {
             });
         }
         let SimulationWithEffects { t0, noise_rms, fitted, intersample, .. } = written;
-        Ok(Self { model, t0, noise_rms, fitted, intersample, plant, actions })
+        Ok(Self { model, inputs, t0, noise_rms, fitted, intersample, plant, actions })
     }
 
-    /// Predicts the outputs for inputs (m channels), from rest, from time `t0` on.
+    /// Returns the part of commands (m channels) that is no feedback, by the outputs that were measured with them (p
+    /// channels), as the input of a prediction; `None` if the commands are the input, or references are.
+    pub fn without_feedback(&self, commands: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Channels> {
+        let controller = self.plant.controller.as_ref().filter(|controller| controller.references.is_empty())?;
+        Some(controller.without_feedback(commands, measured))
+    }
+
+    /// Predicts the outputs for the channels of [`Predictor::inputs`], from rest, from time `t0` on.
     ///
     /// # Errors
     /// [`GapError::Diverged`] with the first sample that is not finite or out of bounds.
     pub fn predict(&self, u: &[Vec<f64>], t0: f64) -> Result<Prediction, GapError> {
-        let u = &self.intersample.held(u);
+        let u = &self.driven(u);
         let outputs = self.free_run(u, t0);
         let linear = simulate(&self.plant, &[], u, t0, None, Fineness::FINE);
         self.require_bounded(&outputs, &linear)?;
@@ -146,10 +163,16 @@ impl Predictor {
         Some((noise * noise + left * left + extrapolated).sqrt()).filter(|gap| gap.is_finite())
     }
 
-    /// Simulates the outputs (p channels) for inputs (m channels), from rest, from time `t0` on, without a check of
-    /// divergence.
+    /// Simulates the outputs (p channels) for the channels of [`Predictor::inputs`], from rest, from time `t0` on,
+    /// without a check of divergence.
     pub fn run(&self, u: &[Vec<f64>], t0: f64) -> Channels {
-        self.free_run(&self.intersample.held(u), t0)
+        self.free_run(&self.driven(u), t0)
+    }
+
+    /// Returns the inputs of the model (m channels): in closed loop, the part of the command that is no feedback.
+    fn driven(&self, u: &[Vec<f64>]) -> Channels {
+        let held = self.intersample.held(u);
+        self.plant.controller.as_ref().map_or(held.clone(), |controller| controller.driven_by(&held))
     }
 
     fn free_run(&self, held: &[Vec<f64>], t0: f64) -> Channels {
@@ -260,8 +283,20 @@ mod tests {
         let quiet = scaled(&u, 1e-3);
         let y = simulate(&plant, &[], &quiet, 0.0, None, Fineness::FINE);
         let fitted = FittedRange::of(&plant, &[record(quiet, y)], 0.01, 0.005);
-        let intersample = Intersample::Zoh;
-        (Predictor { model, t0: 0.0, noise_rms: vec![0.0; 2], fitted: Some(fitted), intersample, plant, actions }, u)
+        let (intersample, inputs) = (Intersample::Zoh, model.inputs.clone());
+        (
+            Predictor {
+                model,
+                inputs,
+                t0: 0.0,
+                noise_rms: vec![0.0; 2],
+                fitted: Some(fitted),
+                intersample,
+                plant,
+                actions,
+            },
+            u,
+        )
     }
 
     fn scaled(u: &[Vec<f64>], by: f64) -> Channels {

@@ -310,6 +310,10 @@ pub struct SimulationWithEffects {
     /// simulated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub linear_with_modal_effects: Option<serde_json::Value>,
+    /// The controller that closes a loop around the model, a model.json object; absent without one. It reads the
+    /// outputs at each sample, and its commands are added to the inputs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub controller: Option<serde_json::Value>,
     /// The changes by the refit in words and figures.
     pub refit: Vec<String>,
     /// What the inputs do between the samples; absent if they keep their values.

@@ -75,6 +75,7 @@ pub(crate) fn written(
         linear: plant.to_model(model).to_json(),
         modes: plant.modes.len(),
         linear_with_modal_effects: modal.map(|modal| modal.to_model(model).to_json()),
+        controller: plant.controller.as_ref().map(|controller| controller.model.to_json()),
         refit,
         intersample,
         effects,

@@ -6,6 +6,7 @@
 
 mod clipping;
 mod constant;
+mod controlled;
 mod finite;
 mod little;
 mod ports;
@@ -42,8 +43,8 @@ pub struct Audit {
 /// Audits a case. A case without a simulation gets a surrogate model. `off` are the steps that the diagnosis skips.
 ///
 /// # Errors
-/// [`GapError::Record`], [`GapError::Constant`], [`GapError::Port`], [`GapError::Unstable`], [`GapError::TooLittle`],
-/// [`GapError::Model`];
+/// [`GapError::Record`], [`GapError::Constant`], [`GapError::Port`], [`GapError::Unstable`],
+/// [`GapError::UnstableLoop`], [`GapError::TooLittle`], [`GapError::Model`];
 /// [`GapError::Failed`] if no model is given and none can be identified.
 pub fn audit(case: &Case, library: &Library, off: &[Step], say: &mut dyn FnMut(String)) -> Result<Audit, GapError> {
     look(case, library, &[], off, None, say)
@@ -98,7 +99,8 @@ fn look(
     // A model that was identified from these channels has none exchanged.
     let mismatch = match before {
         Some(before) => before.mismatch.clone(),
-        None if from_records || !looks => None,
+        // In closed loop, exchanged wires would have been noticed while the records were taken.
+        None if from_records || !looks || case.controller.is_some() => None,
         None => rewire::find(case, &model)?,
     };
 
@@ -111,6 +113,7 @@ fn look(
     }
     case.config.exclude.extend(little.left_out);
     case.config.exclude.extend(absorbed(&case, library, from_records));
+    found.extend(controlled::leave_out(&mut case, &model, library, without)?);
     let explained = mismatch.as_ref().filter(|mismatch| mismatch.explains);
     found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
     if let Some(mismatch) = explained {
@@ -128,6 +131,7 @@ fn look(
             ..Units::default()
         },
         ports: ports::of_case(&case)?,
+        controller: case.controller.clone(),
         limits: case.config.nuisance,
         prior_std,
         model_error,

@@ -1,6 +1,6 @@
-//! The stability of the simulation.
+//! The stability of the simulation, in closed loop if there is a controller.
 
-use plid_model::Model;
+use plid_model::{Model, close_loop};
 
 use crate::case::Case;
 use crate::error::GapError;
@@ -11,17 +11,23 @@ const ON_THE_CIRCLE: f64 = 1e-9;
 /// A pole on the unit circle is a finding.
 ///
 /// # Errors
-/// [`GapError::Unstable`] for a pole outside.
+/// [`GapError::Unstable`] for a pole outside; [`GapError::UnstableLoop`] for one of the closed loop.
 pub fn check(case: &Case, model: &Model) -> Result<Option<String>, GapError> {
-    let found = plid_model::stability(model)?;
+    let closed = case.controller.as_ref().map(|controller| close_loop(model, &controller.model)).transpose()?;
+    let found = plid_model::stability(closed.as_ref().unwrap_or(model))?;
     let Some(&hz) = found.unstable_hz.first() else { return Ok(None) };
+    let what = if closed.is_some() { "loop of simulation and controller" } else { "simulation" };
     if found.spectral_radius <= 1.0 + ON_THE_CIRCLE {
         return Ok(Some(format!(
-            "The simulation has a pole on the unit circle ({hz:.2} Hz): its response to an impulse never decays."
+            "The {what} has a pole on the unit circle ({hz:.2} Hz): its response to an impulse never decays."
         )));
     }
+    let magnitude = found.spectral_radius;
+    if let Some(controller) = &case.config.controller {
+        return Err(GapError::UnstableLoop { file: controller.model.clone().into(), magnitude, hz });
+    }
     let file = case.config.sim.as_deref().unwrap_or("the simulation").into();
-    Err(GapError::Unstable { file, magnitude: found.spectral_radius, hz })
+    Err(GapError::Unstable { file, magnitude, hz })
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use plid_model::{Model, OutputKind};
 use serde::{Deserialize, Serialize};
 
-use crate::case::{Limits, SimulatorConfig};
+use crate::case::{ControllerConfig, Limits, SimulatorConfig};
 use crate::settings::GapSettings;
 use plid_data::nearest;
 use plid_data::prepare::decimate;
@@ -22,6 +22,9 @@ pub struct CaseConfig {
     /// The engineer's own simulator, which is run during the diagnosis.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub simulator: Option<SimulatorConfig>,
+    /// The controller that was at work while the records were taken.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub controller: Option<ControllerConfig>,
     /// Number of states of the surrogate model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub states: Option<usize>,
@@ -198,6 +201,7 @@ impl CaseConfig {
         Self {
             sim: None,
             simulator: None,
+            controller: None,
             states: None,
             sample_rate_hz,
             decimate_to_hz: None,
@@ -237,8 +241,10 @@ impl CaseConfig {
         if let Some(name) = self.output_kinds.keys().find(|name| !self.outputs.contains(name)) {
             problems.push(("output_kinds", format!("`{name}` is not one of the outputs")));
         }
-        problems.extend(self.unit_problems());
-        problems.extend(self.port_problems());
+        problems.extend(self.controller_problems());
+        if self.controller.is_none() {
+            problems.extend(self.channel_problems(&[]));
+        }
         let ratio = match self.ratio() {
             Ok(ratio) => ratio,
             Err(message) => {
@@ -271,9 +277,37 @@ impl CaseConfig {
         problems
     }
 
+    /// Returns what does not go with a controller, as key and reason.
+    fn controller_problems(&self) -> Vec<(&'static str, String)> {
+        if self.controller.is_none() {
+            return Vec::new();
+        }
+        let mut problems = Vec::new();
+        if self.simulator.is_some() {
+            let message = "a simulator in the loop contains its controller: its inputs are the references";
+            problems.push(("controller", message.to_string()));
+        } else if self.sim.is_none() {
+            let message = "it needs `sim`: a model of the records would contain the controller";
+            problems.push(("controller", message.to_string()));
+        }
+        if self.decimate_to_hz.is_some() {
+            let message = "a controller acts at every sample: give records and simulation at its rate";
+            problems.push(("decimate_to_hz", message.to_string()));
+        }
+        problems
+    }
+
+    /// Returns the units and ports that do not name channels, as key and reason. `references` are further channels that
+    /// have units. In closed loop this can be said once the inputs are those of the simulation.
+    pub(super) fn channel_problems(&self, references: &[String]) -> Vec<(&'static str, String)> {
+        let mut problems = self.unit_problems(references);
+        problems.extend(self.port_problems());
+        problems
+    }
+
     /// Returns the invalid units, as key and reason.
-    fn unit_problems(&self) -> Vec<(&'static str, String)> {
-        let names: Vec<String> = self.inputs.iter().chain(&self.outputs).cloned().collect();
+    fn unit_problems(&self, references: &[String]) -> Vec<(&'static str, String)> {
+        let names: Vec<String> = self.inputs.iter().chain(&self.outputs).chain(references).cloned().collect();
         let problem = |(name, unit): (&String, &String)| {
             if unit.trim().is_empty() {
                 return Some(("units", format!("the unit of `{name}` is empty")));

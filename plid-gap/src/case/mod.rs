@@ -1,6 +1,7 @@
 //! A gap case: the simulation, the records, and the engineer's knowledge.
 
 mod config;
+mod controller;
 mod intersample;
 pub(crate) mod levels;
 mod limits;
@@ -11,6 +12,7 @@ mod simulator;
 pub(crate) mod split;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use ndarray::Array2;
 use plid_model::Model;
@@ -19,6 +21,7 @@ use crate::error::GapError;
 
 pub(crate) use config::ON_A_MODE;
 pub use config::{CaseConfig, ExcitationKind, PortConfig, RecordConfig, StartKind, Use};
+pub use controller::{Controller, ControllerConfig};
 pub use intersample::Intersample;
 pub use limits::Limits;
 pub use record::{Channels, Excitation, Record};
@@ -28,10 +31,13 @@ pub use simulator::{FmuSource, SimulatorConfig};
 /// A case with its files read.
 #[derive(Debug, Clone)]
 pub struct Case {
-    /// The contents of the case file.
+    /// The contents of the case file. In closed loop, its inputs are those of the simulation.
     pub config: CaseConfig,
     /// The simulation, if one is given.
     pub model: Option<Model>,
+    /// The controller that was at work, if the case declares one. The inputs of the records are then the part of the
+    /// command that is no feedback.
+    pub controller: Option<Arc<Controller>>,
     /// The records in order.
     pub records: Vec<Record>,
     /// The records from which a missing simulation is identified. If there are none, the other records serve.
@@ -54,20 +60,31 @@ impl Case {
     /// # Errors
     /// [`GapError`] with file, line, channel or key.
     pub fn read_with(path: &Path, data: &Path) -> Result<Self, GapError> {
-        let config: CaseConfig = plid_data::config::read_checked(path, CaseConfig::problems)?;
+        let mut config: CaseConfig = plid_data::config::read_checked(path, CaseConfig::problems)?;
         let folder = path.parent().unwrap_or(Path::new("."));
         let mut model = config.sim.as_ref().map(|sim| Model::read(&folder.join(sim))).transpose()?;
+        let mut controller = None;
         if let Some(model) = &mut model {
+            controller = controller::read(path, &config, folder, model)?;
             check_channels(path, &config, model)?;
             config.declare_kinds(model);
         }
-        let (records, warnings) = records::read(path, &config, data)?;
+        let (mut records, warnings) = records::read(path, &config, data)?;
+        if let (Some(controller), Some(model)) = (&controller, &model) {
+            for record in &mut records {
+                controller::open(controller, &config.inputs, &config.outputs, record)?;
+            }
+            config.inputs.clone_from(&model.inputs);
+            let first = config.channel_problems(&controller.references).into_iter().next();
+            first
+                .map_or(Ok(()), |(key, message)| Err(GapError::Key { file: path.into(), key: key.into(), message }))?;
+        }
         let is_for_simulation = |k: usize| config.record[k].r#use == Some(Use::Sim);
         let (for_simulation, records): (Vec<_>, Vec<_>) =
             records.into_iter().enumerate().partition(|(k, _)| is_for_simulation(*k));
         let only = |numbered: Vec<(usize, Record)>| numbered.into_iter().map(|(_, record)| record).collect();
         let (records, for_simulation) = (only(records), only(for_simulation));
-        Ok(Self { config, model, records, for_simulation, warnings })
+        Ok(Self { config, model, controller, records, for_simulation, warnings })
     }
 }
 
@@ -78,9 +95,9 @@ pub fn columns(data: &Array2<f64>) -> Channels {
 
 fn check_channels(path: &Path, config: &CaseConfig, model: &Model) -> Result<(), GapError> {
     let wrong = |key: &str, message: String| GapError::Key { file: path.into(), key: key.into(), message };
-    for (key, of_case, of_model) in
-        [("inputs", &config.inputs, &model.inputs), ("outputs", &config.outputs, &model.outputs)]
-    {
+    // In closed loop, the inputs are those that the controller leaves.
+    let checked = [("inputs", &config.inputs, &model.inputs), ("outputs", &config.outputs, &model.outputs)];
+    for (key, of_case, of_model) in checked.into_iter().skip(usize::from(config.controller.is_some())) {
         if of_case != of_model {
             return Err(wrong(
                 key,

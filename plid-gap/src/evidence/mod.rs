@@ -37,8 +37,13 @@ impl Evidence {
         with: impl Fn(&Record) -> Channels,
     ) -> Self {
         let settings = &problem.settings.evidence;
+        // In closed loop, the records show the modes of the loop.
+        let tracks = match &problem.plant.controller {
+            Some(_) => Tracks::default(),
+            None => Tracks::of(&problem.plant, &problem.records, &noise.rms(), settings),
+        };
         Self {
-            tracks: Tracks::of(&problem.plant, &problem.records, &noise.rms(), settings),
+            tracks,
             resonances: each_alone(problem, refitted, noise),
             lines: Lines::of(records, refitted.rate, linear, with, settings),
         }

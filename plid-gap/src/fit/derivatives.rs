@@ -19,6 +19,10 @@ const REST_STEP: f64 = 1e-4;
 /// Relative step of a pole, for differences of the gain of actuators and filters: four of their digits are then right.
 const POLE_STEP: f64 = 1e-4;
 
+/// Relative step of a parameter of a mode in closed loop, for differences of the outputs: small beside any damping
+/// ratio.
+const LOOP_STEP: f64 = 1e-5;
+
 /// The derivatives of the outputs of one record.
 #[derive(Clone)]
 pub struct Derivatives {
@@ -130,6 +134,12 @@ impl Nuisance {
         index: usize,
     ) -> Derivatives {
         let mut found = Derivatives::new(record.samples());
+        if plant.controller.is_some() {
+            self.by_modes_in_loop(plant, record, &mut found);
+            spectrum.iter().for_each(|spectrum| self.by_rest(plant, spectrum, record, &mut found));
+            self.add_start(plant, index, &mut found);
+            return found;
+        }
         let through = Through::new(plant, record, &mut found);
         for k in 0..self.modes {
             let response = Response::new(&plant.modes[k], 1.0 / plant.rate, record, &mut found);
@@ -202,6 +212,18 @@ impl Nuisance {
         }
     }
 
+    /// Adds the derivatives by the parameters of the modes in closed loop, as differences: the controller answers to
+    /// each change of the outputs.
+    fn by_modes_in_loop(&self, plant: &Plant, record: &Record, to: &mut Derivatives) {
+        let outputs = |plant: &Plant| simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
+        let nominal = outputs(plant);
+        for k in 0..self.of_modes() {
+            let mut eta = vec![0.0; self.of_simulation()];
+            eta[k] = LOOP_STEP;
+            to.alone(k, slope(outputs(&self.apply(plant, &eta)), &nominal, LOOP_STEP));
+        }
+    }
+
     /// Adds the derivatives by the parameters of the rest as differences, because the rest has few states.
     fn by_rest(&self, plant: &Plant, spectrum: &Spectrum, record: &Record, to: &mut Derivatives) {
         let outputs = |plant: &Plant| simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
@@ -211,17 +233,16 @@ impl Nuisance {
             eta[k] = REST_STEP;
             let mut moved = plant.clone();
             spectrum.change(&mut moved, &eta);
-            let mut slope = outputs(&moved);
-            for (slope, nominal) in slope.iter_mut().zip(&nominal) {
-                slope.iter_mut().zip(nominal).for_each(|(to, from)| *to = (*to - from) / REST_STEP);
-            }
-            to.alone(self.of_modes() + k, slope);
+            to.alone(self.of_modes() + k, slope(outputs(&moved), &nominal, REST_STEP));
         }
     }
 
     /// Adds the derivatives by the initial state of a record, if it is fitted.
     fn add_start(&self, plant: &Plant, index: usize, to: &mut Derivatives) {
         let Some(at) = self.starts[index] else { return };
+        if plant.controller.is_some() {
+            return self.add_start_in_loop(plant, index, at, to);
+        }
         for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
             let turn = (mode.pole / plant.rate).exp();
             let next = |z: &C| Some(z * turn);
@@ -245,6 +266,28 @@ impl Nuisance {
             to.alone(at + 2 * self.modes + j, y);
         }
     }
+}
+
+impl Nuisance {
+    /// The same in closed loop: the controller answers to each free response, and has a state of its own.
+    fn add_start_in_loop(&self, plant: &Plant, index: usize, at: usize, to: &mut Derivatives) {
+        let still = vec![vec![0.0; to.samples]; self.m];
+        let mut eta = vec![0.0; self.len()];
+        for parameter in at..at + self.states() {
+            eta[parameter] = 1.0;
+            let start = self.start(index, &eta);
+            to.alone(parameter, simulate(plant, &[], &still, 0.0, start.as_ref(), Fineness::COARSE));
+            eta[parameter] = 0.0;
+        }
+    }
+}
+
+/// Returns the difference quotient of outputs.
+fn slope(mut moved: Channels, nominal: &Channels, step: f64) -> Channels {
+    for (moved, nominal) in moved.iter_mut().zip(nominal) {
+        moved.iter_mut().zip(nominal).for_each(|(to, from)| *to = (*to - from) / step);
+    }
+    moved
 }
 
 /// The numbers of the signals of a mode's state under a record's inputs.

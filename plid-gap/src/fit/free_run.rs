@@ -42,8 +42,8 @@ pub(crate) fn run(plant: &Plant, actions: &[Action], record: &Record) -> Channel
 /// record does not have, and that effects may amplify.
 fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
     let nuisance = Nuisance::new(plant, std::slice::from_ref(record), &Limits::default());
-    let first = nuisance.len() - plant.n();
-    let mut columns = nalgebra::DMatrix::zeros(record.y.len() * record.samples(), plant.n());
+    let (first, states) = (nuisance.of_simulation(), nuisance.states());
+    let mut columns = nalgebra::DMatrix::zeros(record.y.len() * record.samples(), states);
     let mut y = vec![vec![0.0; record.samples()]; record.y.len()];
     let derivatives = nuisance.by_start(plant, record.samples(), 0);
     for column in &derivatives.columns {
@@ -53,7 +53,7 @@ fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
     }
     let mut normal = columns.tr_mul(&columns);
     let ridge = 1e-9 * normal.trace().max(f64::MIN_POSITIVE);
-    (0..plant.n()).for_each(|i| normal[(i, i)] += ridge);
+    (0..states).for_each(|i| normal[(i, i)] += ridge);
     let Some(factor) = normal.cholesky() else { return State::rest(plant) };
     let state = |eta: &[f64]| nuisance.start(0, eta).unwrap_or_else(|| State::rest(plant));
     let left = |eta: &[f64], actions: &[Action]| -> Vec<f64> {

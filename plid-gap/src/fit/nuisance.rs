@@ -35,13 +35,16 @@ pub struct Nuisance {
     pub(super) p: usize,
     pub(super) modes: usize,
     pub(super) rest: usize,
+    /// States of the controller, if there is one.
+    pub(super) controller: usize,
     /// Poles and gains of a simulation without modes.
     spectrum: Option<Spectrum>,
     /// The directions of each mode's shapes in the simulation as given.
     nominal: Vec<(C, C)>,
     /// Index of each record's initial state, if it is fitted.
     pub(super) starts: Vec<Option<usize>>,
-    /// RMS of each mode's state under the records' inputs, followed by the other states.
+    /// RMS of each mode's state under the records' inputs, followed by the other states: those of the controller are
+    /// under the records' outputs.
     pub(super) sizes: Vec<f64>,
     /// Standard deviations of the prior.
     pub std: Vec<f64>,
@@ -54,6 +57,7 @@ impl Nuisance {
     /// Lays out the parameters for a simulation and the records that are fitted.
     pub fn new(plant: &Plant, records: &[Record], limits: &Limits) -> Self {
         let (m, p, modes, rest) = (plant.m, plant.p, plant.modes.len(), plant.rest.a.nrows());
+        let controller = plant.controller.as_ref().map_or(0, |controller| controller.a.nrows());
         let mut std = Vec::new();
         for _ in 0..modes {
             std.extend([limits.frequency / 2.0, limits.damping / 2.0]);
@@ -70,14 +74,14 @@ impl Nuisance {
             .map(|record| {
                 (!record.from_rest).then(|| {
                     let at = std.len();
-                    std.extend(std::iter::repeat_n(INITIAL_STATE_STD, 2 * modes + rest));
+                    std.extend(std::iter::repeat_n(INITIAL_STATE_STD, 2 * modes + rest + controller));
                     at
                 })
             })
             .collect();
         let sizes = state_sizes(plant, records);
         let nominal = plant.modes.iter().map(directions).collect();
-        Self { m, p, modes, rest, spectrum, nominal, starts, sizes, std, ports_follow: false }
+        Self { m, p, modes, rest, controller, spectrum, nominal, starts, sizes, std, ports_follow: false }
     }
 
     /// Widens the prior for a simulation that was itself estimated, by the standard deviations of its parameters.
@@ -100,7 +104,7 @@ impl Nuisance {
     /// Adds initial states for records that are cut into windows, `windows[k]` of record k. The first window of a
     /// record begins as the record does. The existing entries keep their places.
     pub fn with_windows(mut self, windows: &[usize]) -> Self {
-        let states = 2 * self.modes + self.rest;
+        let states = self.states();
         let mut starts = Vec::new();
         for (first, &count) in self.starts.iter().zip(windows) {
             starts.push(*first);
@@ -116,6 +120,11 @@ impl Nuisance {
     /// Removes one of the records. Its initial state remains a parameter that nothing acts on.
     pub fn forget(&mut self, record: usize) {
         self.starts.remove(record);
+    }
+
+    /// Returns the number of entries of an initial state: those of the modes, of the rest and of the controller.
+    pub fn states(&self) -> usize {
+        2 * self.modes + self.rest + self.controller
     }
 
     /// Returns the number of entries that belong to the simulation; the initial states follow.
@@ -142,7 +151,7 @@ impl Nuisance {
 
     /// Returns the record to whose initial state an entry belongs.
     pub fn record_of(&self, index: usize) -> Option<usize> {
-        let states = 2 * self.modes + self.rest;
+        let states = self.states();
         self.starts.iter().position(|start| start.is_some_and(|at| (at..at + states).contains(&index)))
     }
 
@@ -237,8 +246,10 @@ impl Nuisance {
         let at = self.starts[record]?;
         let entry = |k: usize| eta.get(at + k).copied().unwrap_or(0.0);
         let modes = (0..self.modes).map(|k| C::new(entry(2 * k), entry(2 * k + 1)) * self.sizes[k]);
-        let rest = (0..self.rest).map(|j| entry(2 * self.modes + j) * self.sizes[self.modes + j]);
-        Some(State { modes: modes.collect(), rest: rest.collect() })
+        let other = |j: usize| entry(2 * self.modes + j) * self.sizes[self.modes + j];
+        let rest = (0..self.rest).map(other).collect();
+        let controller = (self.rest..self.rest + self.controller).map(other).collect();
+        Some(State { modes: modes.collect(), rest, controller })
     }
 }
 
@@ -263,7 +274,9 @@ fn state_sizes(plant: &Plant, records: &[Record]) -> Vec<f64> {
         held * b.sqrt() * level / (1.0 - turn.norm_sqr()).max(1e-6).sqrt()
     });
     let rest = (0..plant.rest.a.nrows()).map(|j| plant.rest.b.row(j).norm() * level);
-    modal.chain(rest).map(|size| if size > 0.0 { size } else { 1.0 }).collect()
+    let outputs: Vec<_> = records.iter().map(|record| &record.y).collect();
+    let controller = plant.controller.iter().flat_map(|controller| controller.state_sizes(&outputs));
+    modal.chain(rest).chain(controller).map(|size| if size > 0.0 { size } else { 1.0 }).collect()
 }
 
 #[cfg(test)]

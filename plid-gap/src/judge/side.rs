@@ -10,7 +10,8 @@
 //! one.
 //!
 //! A side is clear if one of its places explains most of the residual and all places of the other sides leave much more
-//! of it.
+//! of it. In closed loop, what an actuator or a sensor does is answered by the controller, and these functions do not
+//! describe it: only the other places are compared there, and no side is clear.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -57,6 +58,12 @@ struct Means {
     runs: Vec<Placed<'static>>,
 }
 
+impl Means {
+    fn new(side: Side, place: &Place, freed: Vec<usize>, runs: Vec<Placed<'static>>, setting: &Setting) -> Self {
+        Self { side, place: place.location(&setting.names), freed, runs }
+    }
+}
+
 /// Returns how much each place explains, the most first. `factor` is the noise power over that of the noise model.
 pub fn places(ready: &Prepared, known: &Known, factor: f64) -> Vec<PlaceShare> {
     let problem = problem(ready, known);
@@ -88,6 +95,9 @@ pub fn side(places: &[PlaceShare], settings: &JudgeSettings) -> Option<Side> {
     let most = |which: &dyn Fn(Side) -> bool| {
         places.iter().filter(|place| which(place.side)).max_by(|a, b| a.share.total_cmp(&b.share))
     };
+    if !places.iter().any(|place| matches!(place.side, Side::Actuator | Side::Sensor)) {
+        return None;
+    }
     let ahead =
         |one: f64, other: f64| one - other >= settings.side_lead && 1.0 - other >= settings.side_ratio * (1.0 - one);
     let enough = |place: &&PlaceShare| place.share >= settings.side_share;
@@ -116,29 +126,8 @@ fn problem(ready: &Prepared, known: &Known) -> Problem {
 /// Returns what each place can do.
 fn means(problem: &Problem) -> Vec<Means> {
     let setting = &problem.setting;
-    let parts = |which: &dyn Fn(Part) -> bool| -> Vec<usize> {
-        let of = |index: &usize| problem.nuisance.part(*index).is_some_and(which);
-        (0..problem.nuisance.of_simulation()).filter(of).collect()
-    };
-    let one = |side: Side, place: Place, freed: Vec<usize>, runs: Vec<Placed<'static>>| Means {
-        side,
-        place: place.location(&setting.names),
-        freed,
-        runs,
-    };
-    let mut all = Vec::new();
-    for (i, input) in setting.inputs().into_iter().enumerate() {
-        let shapes = [&Flexible::Command, &Flexible::Hysteresis, &Flexible::Path];
-        let runs = shapes.into_iter().flat_map(|shape| of_shape(shape, &input, setting)).collect();
-        all.push(one(Side::Actuator, input.clone(), parts(&|part| part == Part::Input(i)), runs));
-        all.push(one(Side::Time, input.clone(), Vec::new(), of_shape(&Flexible::GainCourse, &input, setting)));
-    }
-    for (o, output) in setting.outputs().into_iter().enumerate() {
-        let shapes = [&Flexible::Sensor, &Flexible::SensorPath, &Flexible::ZeroCourse];
-        let mut runs: Vec<_> = shapes.into_iter().flat_map(|shape| of_shape(shape, &output, setting)).collect();
-        runs.push(at(&SensorOffset, &output, vec![STEP * setting.y_rms[o]]));
-        all.push(one(Side::Sensor, output, parts(&|part| part == Part::Output(o)), runs));
-    }
+    let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
+    let mut all = if problem.plant.controller.is_some() { Vec::new() } else { of_channels(problem) };
     for joint in setting.joints().into_iter().filter(|joint| !setting.is_on_a_mode(setting.port(joint))) {
         let springs: &[&'static Flexible] = &[&Flexible::Stiffness, &Flexible::Joint];
         let springs = if setting.plant.ports[setting.port(&joint)].sees_displacement() { springs } else { &[] };
@@ -146,7 +135,7 @@ fn means(problem: &Problem) -> Vec<Means> {
         let runs = shapes.flat_map(|shape| of_shape(shape, &joint, setting)).collect();
         all.push(one(Side::Structure, joint, Vec::new(), runs));
     }
-    let poles = parts(&|part| part == Part::Pole);
+    let poles = parts(problem, Part::Pole);
     all.push(one(Side::Structure, Place::Structure, poles, Vec::new()));
     for place in MissingMode.places(setting) {
         let runs = MissingMode.starts(setting, &place).into_iter().map(|start| at(&MissingMode, &place, start));
@@ -155,6 +144,32 @@ fn means(problem: &Problem) -> Vec<Means> {
     let course = of_shape(&Flexible::StiffnessCourse, &Place::Structure, setting);
     all.push(one(Side::Time, Place::Structure, Vec::new(), course));
     all.extend(lines(setting).map(|(side, place, runs)| one(side, place, Vec::new(), runs)));
+    all
+}
+
+/// Returns the linear parameters of a part.
+fn parts(problem: &Problem, part: Part) -> Vec<usize> {
+    let of = |index: &usize| problem.nuisance.part(*index) == Some(part);
+    (0..problem.nuisance.of_simulation()).filter(of).collect()
+}
+
+/// Returns what actuators and sensors can do.
+fn of_channels(problem: &Problem) -> Vec<Means> {
+    let setting = &problem.setting;
+    let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
+    let mut all = Vec::new();
+    for (i, input) in setting.inputs().into_iter().enumerate() {
+        let shapes = [&Flexible::Command, &Flexible::Hysteresis, &Flexible::Path];
+        let runs = shapes.into_iter().flat_map(|shape| of_shape(shape, &input, setting)).collect();
+        all.push(one(Side::Actuator, input.clone(), parts(problem, Part::Input(i)), runs));
+        all.push(one(Side::Time, input.clone(), Vec::new(), of_shape(&Flexible::GainCourse, &input, setting)));
+    }
+    for (o, output) in setting.outputs().into_iter().enumerate() {
+        let shapes = [&Flexible::Sensor, &Flexible::SensorPath, &Flexible::ZeroCourse];
+        let mut runs: Vec<_> = shapes.into_iter().flat_map(|shape| of_shape(shape, &output, setting)).collect();
+        runs.push(at(&SensorOffset, &output, vec![STEP * setting.y_rms[o]]));
+        all.push(one(Side::Sensor, output, parts(problem, Part::Output(o)), runs));
+    }
     all
 }
 
@@ -176,7 +191,8 @@ fn lines(setting: &Setting) -> impl Iterator<Item = (Side, Place, Vec<Placed<'st
             };
             (Side::Sensor, place.clone(), phases.map(run).to_vec())
         });
-        forces.chain(hums).collect::<Vec<_>>()
+        let closed = setting.plant.controller.is_some();
+        forces.chain(hums.filter(move |_| !closed)).collect::<Vec<_>>()
     })
 }
 

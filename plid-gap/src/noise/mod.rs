@@ -2,8 +2,10 @@
 //! mode.
 //!
 //! S(f) = sum of theta_j h_j(f) h_j(f)^H is fitted by maximum likelihood (Whittle, Ark. Mat. 2, 1953) to the part of
-//! the records that no command explains: records without input, and differences between periods.
+//! the records that no command explains: records without input, and differences between periods. In closed loop, the
+//! noise of a sensor also moves the plant: y = S (P v + e), with the sensitivity S of the loop.
 
+mod expected;
 pub(crate) mod model_error;
 pub(crate) mod whiten;
 pub(crate) mod whittle;
@@ -303,11 +305,13 @@ impl NoiseModel {
     /// Returns the response of the outputs to a unit of a source at a frequency: one column for each independent part.
     pub(crate) fn columns(&self, source: Source, hz: f64) -> Vec<DVector<C>> {
         let plant = &self.plant;
+        // In closed loop, the controller answers to whatever enters at an output.
+        let closed = |open: DVector<C>| plant.sensitivity(hz).map_or(open.clone(), |sensitivity| sensitivity * open);
         match source {
-            Source::Sensor(o) => vec![DVector::from_fn(plant.p, |i, _| if i == o { C::ONE } else { C::ZERO })],
+            Source::Sensor(o) => vec![closed(DVector::from_fn(plant.p, |i, _| if i == o { C::ONE } else { C::ZERO }))],
             Source::Actuator(i) => vec![plant.response(hz).column(i).into_owned()],
-            Source::Mode(k) => vec![self.modal(k, hz)],
-            Source::Ambient => (0..plant.modes.len()).map(|k| self.modal(k, hz)).collect(),
+            Source::Mode(k) => vec![closed(self.modal(k, hz))],
+            Source::Ambient => (0..plant.modes.len()).map(|k| closed(self.modal(k, hz))).collect(),
             Source::Band(Band { port, hz: centre, width, slope }) => {
                 // A force that is held over samples has a periodic spectrum, so frequencies are replaced by chords of
                 // the unit circle. Near the centre nothing changes. Far above it, the skirt of a resonator levels off,

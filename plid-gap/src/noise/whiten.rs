@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVectorView, DVectorViewMut};
 
 use crate::case::record::{Channels, Record};
 use crate::noise::NoiseModel;
+use crate::noise::expected::periodograms;
 use crate::signal::notch;
 use plid_fourier::C;
 
@@ -40,9 +41,11 @@ impl Whitener {
         let level = record.level();
         let mut factors = Vec::new();
         let bins = counted(noise.band_hz, rate / length as f64, length / 2);
+        let closed = noise.plant().controller.is_some();
+        let smooth = if closed { periodograms(|hz| noise.density(hz), rate, length) } else { Vec::new() };
         for k in bins.clone() {
             let hz = k as f64 * rate / length as f64;
-            let mut density = noise.density(hz);
+            let mut density = smooth.get(k).cloned().unwrap_or_else(|| noise.density(hz));
             if let Some(error) = &noise.model_error {
                 (0..p).for_each(|o| density[(o, o)] += C::from(error.density(o, hz, level)));
             }

@@ -7,6 +7,7 @@
 mod axis;
 mod chain;
 mod declared;
+mod feedback;
 mod kind;
 mod load;
 mod logarithm;
@@ -16,10 +17,12 @@ mod reciprocal;
 mod sensor;
 mod spectrum;
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector};
 use plid_model::{ModeKind, Model, OutputKind};
 
-use crate::case::ON_A_MODE;
+use crate::case::{Controller, ON_A_MODE};
 use crate::error::GapError;
 use crate::settings::PlantSettings;
 use plid_fourier::C;
@@ -147,6 +150,9 @@ pub struct Plant {
     pub chain: SignalChain,
     /// The derivative of a displacement that each output follows (p).
     pub sensed: Vec<Sensed>,
+    /// The controller that closes a loop around the plant at the samples, if there is one. The inputs of a run are then
+    /// added to its commands.
+    pub controller: Option<Arc<Controller>>,
     /// The simulation's own basis, by which a changed plant is written back.
     basis: Basis,
     /// The thresholds by which it was decomposed.
@@ -233,6 +239,7 @@ impl Plant {
             port_source: PortSource::Declared,
             chain,
             sensed: vec![Sensed::ASSUMED; p],
+            controller: None,
             basis,
             settings: settings.clone(),
         };
@@ -639,8 +646,8 @@ impl Plant {
 }
 
 impl Plant {
-    /// Returns the response (p) to a force at a port, held over samples, at a frequency.
-    pub fn port_response(&self, port: usize, hz: f64) -> DVector<C> {
+    /// Returns the response (p) to a force at a port, held over samples, at a frequency; without a controller.
+    fn open_port_response(&self, port: usize, hz: f64) -> DVector<C> {
         let z = C::cis(std::f64::consts::TAU * hz / self.rate);
         let port = &self.ports[port];
         let mut sum = DVector::from_fn(self.p, |o, _| C::from(port.output.get(o).copied().unwrap_or(0.0)));
@@ -665,8 +672,8 @@ impl Plant {
         sum
     }
 
-    /// Returns the response p x m at a frequency, for held inputs.
-    pub fn response(&self, hz: f64) -> DMatrix<C> {
+    /// Returns the response p x m at a frequency, for held inputs; without a controller.
+    fn open_response(&self, hz: f64) -> DMatrix<C> {
         let z = C::cis(std::f64::consts::TAU * hz / self.rate);
         let r = self.rest.a.nrows();
         let mut sum = self.d.map(C::from);

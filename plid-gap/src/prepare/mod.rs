@@ -6,9 +6,9 @@ pub(crate) mod wandering;
 
 use std::sync::Arc;
 
-use crate::case::Limits;
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::case::split::split;
+use crate::case::{Controller, Limits};
 use crate::effects::{MissingModeStart, Setting, Units};
 use crate::error::GapError;
 use crate::fit::free_run::{errors, outputs};
@@ -25,7 +25,7 @@ use crate::settings::step::Step;
 use crate::settings::{GapSettings, PrepareSettings, SignalSettings};
 use crate::signal::quantisation::{self, Quantisation};
 use crate::signal::{notch, peaks, tones};
-use crate::simulate::{Fineness, simulate, slope};
+use crate::simulate::{Fineness, commands, simulate, slope};
 use plid_fourier::C;
 use plid_model::Model;
 
@@ -76,6 +76,8 @@ pub struct Known {
     pub units: Units,
     /// Ports that the case declares.
     pub ports: Vec<CasePort>,
+    /// The controller that was at work, if there was one.
+    pub controller: Option<Arc<Controller>>,
     /// Steps that the diagnosis skips.
     pub off: Vec<Step>,
     /// Thresholds of the diagnosis.
@@ -90,6 +92,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let settings = Arc::new(known.settings.clone());
     let mut plant = Plant::with_settings(model, &settings.plant)?;
     declare(&mut plant, &known.ports)?;
+    known.controller.iter().cloned().for_each(|controller| plant.close(controller));
     let (mut fitted, mut held_out) = split(records, &settings.case);
     let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
         (0..plant.p).map(|o| settings.prepare.undeclared_noise * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
@@ -503,11 +506,12 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     let (m, p) = (plant.m, plant.p);
     let mut setting = Setting::bare(plant, model);
     let Some(loudest) = loudest else { return setting };
+    let sent = commands(plant, &loudest.u);
     setting.duration_s = records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     for i in 0..m {
         let slope = |u: &[f64]| rms(u.windows(2).map(|w| (w[1] - w[0]) * plant.rate));
         // A random record of the same level is much steeper than a multisine of a few lines.
-        setting.u_rms[i] = rms(&loudest.u[i]);
+        setting.u_rms[i] = rms(&sent[i]);
         setting.u_slope[i] = records.iter().map(|record| slope(&record.u[i])).fold(0.0, f64::max);
     }
     for o in 0..p {
@@ -582,24 +586,24 @@ pub(crate) fn port_motion(plant: &Plant, u: &[Vec<f64>]) -> Channels {
     if plant.ports.is_empty() {
         return Vec::new();
     }
-    // The ports' rows are outputs of the same modes.
+    // The ports' rows are further outputs of the same modes. A controller reads the plant's own.
     let mut probe = plant.clone();
-    let ports = plant.ports.len();
-    probe.p = 2 * ports;
+    let (p, ports) = (plant.p, plant.ports.len());
+    probe.p = p + 2 * ports;
     for (k, mode) in probe.modes.iter_mut().enumerate() {
-        mode.c = plant.ports.iter().flat_map(|port| [port.displacement[k], port.velocity[k]]).collect();
+        mode.c.extend(plant.ports.iter().flat_map(|port| [port.displacement[k], port.velocity[k]]));
     }
-    let r = plant.rest.a.nrows();
-    probe.rest.c = nalgebra::DMatrix::from_fn(2 * ports, r, |i, j| {
-        let port = &plant.ports[i / 2];
-        if i % 2 == 0 { port.displacement_rest[j] } else { port.velocity_rest[j] }
-    });
-    probe.d = nalgebra::DMatrix::zeros(2 * ports, plant.m);
-    probe.sensed = vec![plant.sensed[0]; 2 * ports];
+    let rows = |before: &nalgebra::DMatrix<f64>| before.clone().resize_vertically(p + 2 * ports, 0.0);
+    (probe.rest.c, probe.d) = (rows(&plant.rest.c), rows(&plant.d));
+    for (port, row) in plant.ports.iter().zip((p..).step_by(2)) {
+        probe.rest.c.row_mut(row).copy_from(&port.displacement_rest.transpose());
+        probe.rest.c.row_mut(row + 1).copy_from(&port.velocity_rest.transpose());
+    }
+    probe.sensed.extend(vec![plant.sensed[0]; 2 * ports]);
     let moved: Vec<(usize, usize)> =
         plant.ports.iter().enumerate().filter_map(|(k, port)| Some((k, port.moved_by()?))).collect();
-    moved.iter().for_each(|&(k, input)| probe.d[(2 * k, input)] = 1.0);
-    let mut motion = simulate(&probe, &[], u, 0.0, None, Fineness::COARSE);
+    moved.iter().for_each(|&(k, input)| probe.d[(p + 2 * k, input)] = 1.0);
+    let mut motion = simulate(&probe, &[], u, 0.0, None, Fineness::COARSE).split_off(p);
     moved.iter().for_each(|&(k, _)| motion[2 * k + 1] = slope(&motion[2 * k], plant.rate));
     motion
 }

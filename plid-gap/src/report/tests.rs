@@ -41,7 +41,7 @@ fn case() -> Case {
         )
     };
     let records = vec![record(0, 0.3), record(1, 1.0)];
-    Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() }
+    Case { config, model: None, controller: None, records, for_simulation: Vec::new(), warnings: Vec::new() }
 }
 
 fn passed(record: &str, level: f64, start_s: f64, hz: f64) -> Passed {
@@ -168,6 +168,7 @@ fn simulation() -> SimulationWithEffects {
         linear: serde_json::Value::Null,
         modes: 1,
         linear_with_modal_effects: None,
+        controller: None,
         refit: vec!["mode 11.00 Hz: frequency 11.000 -> 11.010 Hz".into()],
         intersample: Default::default(),
         effects: vec![WrittenEffect {

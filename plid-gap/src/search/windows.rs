@@ -33,7 +33,7 @@ impl Windows {
             return None;
         }
         let driven = || problem.records.iter().filter(|record| record.is_driven());
-        let states = problem.plant.n().max(1);
+        let states = problem.nuisance.states().max(1);
         let slowest = driven().map(|record| median_frequency(&record.y)).fold(f64::INFINITY, f64::min);
         let samples = (settings.windows_periods / slowest) as usize;
         Some(Self {

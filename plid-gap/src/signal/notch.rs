@@ -31,14 +31,16 @@ fn piece(j: usize, spacing: f64, hz: f64, t: f64) -> f64 {
     hat * if j.is_multiple_of(2) { phase.cos() } else { phase.sin() }
 }
 
-/// Returns the free decays of all modes, as cosine and sine: p channels each.
+/// Returns the free decays of all modes, as cosine and sine: p channels each. None in closed loop, where no mode decays
+/// by itself.
 pub fn decays(plant: &Plant, samples: usize) -> Vec<Channels> {
     let decay = |mode: &Mode, phase: C| -> Channels {
         let turn = (mode.pole / plant.rate).exp();
         let of = |c: &C| (0..samples).scan(c * phase, |z, _| Some(std::mem::replace(z, *z * turn).re)).collect();
         mode.c.iter().map(of).collect()
     };
-    plant.modes.iter().flat_map(|mode| [decay(mode, C::ONE), decay(mode, C::I)]).collect()
+    let modes = if plant.controller.is_some() { &[][..] } else { &plant.modes };
+    modes.iter().flat_map(|mode| [decay(mode, C::ONE), decay(mode, C::I)]).collect()
 }
 
 /// Returns the channels without such a line and without free decays.

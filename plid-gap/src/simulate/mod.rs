@@ -5,6 +5,7 @@
 //! order: Cox and Matthews, J. Comput. Phys. 176, 2002). [`Fineness`] says how many parts a sample has.
 
 mod block;
+mod feedback;
 mod lanes;
 mod runner;
 mod together;
@@ -38,6 +39,8 @@ pub struct State {
     pub modes: Vec<C>,
     /// State of the rest.
     pub rest: Vec<f64>,
+    /// State of the controller, if there is one.
+    pub controller: Vec<f64>,
 }
 
 impl State {
@@ -50,12 +53,17 @@ impl State {
         }
         let modes = self.modes.iter().flat_map(|z| [z.re, z.im]);
         let rest = modes.chain(std::iter::repeat_n(0.0, added)).chain(self.rest.iter().copied()).collect();
-        Self { modes: Vec::new(), rest }
+        Self { modes: Vec::new(), rest, controller: self.controller.clone() }
     }
 
     /// The state at rest.
     pub fn rest(plant: &Plant) -> Self {
-        Self { modes: vec![C::ZERO; plant.modes.len()], rest: vec![0.0; plant.rest.a.nrows()] }
+        let controller = plant.controller.as_ref().map_or(0, |controller| controller.a.nrows());
+        Self {
+            modes: vec![C::ZERO; plant.modes.len()],
+            rest: vec![0.0; plant.rest.a.nrows()],
+            controller: vec![0.0; controller],
+        }
     }
 }
 
@@ -71,6 +79,13 @@ pub fn simulate(
     let mut y = before_sensors(plant, &[Run { actions, u, t0, start }], fineness).swap_remove(0);
     apply_sensors(actions, &mut y, t0, plant.rate);
     y
+}
+
+/// Returns the commands of the plant (m channels) in a linear run from rest: the inputs `u`, and in closed loop the
+/// feedback with them.
+pub fn commands(plant: &Plant, u: &[Vec<f64>]) -> Channels {
+    let Some(controller) = &plant.controller else { return u.to_vec() };
+    controller.commands(u, &simulate(plant, &[], u, 0.0, None, Fineness::COARSE))
 }
 
 /// Applies the effects on the sensors, in their order.

@@ -7,6 +7,7 @@ use crate::effects::{Drive, Force};
 use crate::plant::{Carried, Plant};
 use crate::simulate::State;
 use crate::simulate::block::{Block, Maps};
+use crate::simulate::feedback::Feedback;
 use crate::simulate::lanes::{self, Lane, Quad, Rows, WIDE};
 use plid_fourier::C;
 
@@ -40,9 +41,15 @@ pub fn advance<const R: usize>(
             let at = k * parts + value;
             let mut same = value > 0;
             for (i, held) in held.iter_mut().enumerate() {
-                let now = std::array::from_fn(|r| given[r].drive.u[i][at]);
+                let mut now = std::array::from_fn(|r| given[r].drive.u[i][at]);
+                if let Some(feedback) = runner.feedback.as_ref().filter(|_| value > 0) {
+                    now.iter_mut().zip(&feedback.fed[i]).for_each(|(now, fed)| *now += fed);
+                }
                 same = same && *held == now;
                 *held = now;
+            }
+            if value == 0 {
+                runner.close(&mut held, y, k);
             }
             if !same {
                 runner.hold(&held);
@@ -52,6 +59,7 @@ pub fn advance<const R: usize>(
                 // The outputs are sampled before the next value of a disturbance acts, which an accelerometer without a
                 // filter would show.
                 runner.output(&held, y, k);
+                runner.feedback.iter_mut().for_each(|feedback| feedback.read(y, k));
                 for d in 0..runner.pushes.len() {
                     runner.push(d, std::array::from_fn(|r| given[r].disturbances[d][k]));
                 }
@@ -66,6 +74,7 @@ pub struct Runner<'a, const R: usize> {
     block: Block,
     maps: Maps,
     late: Option<Late<R>>,
+    feedback: Option<Feedback<'a, R>>,
     /// Direct feedthrough of the inputs.
     d: DMatrix<f64>,
     /// Increments of the state, and then of the motion, over a block: by the held input, and with the disturbances.
@@ -134,7 +143,7 @@ impl<'a, const R: usize> Runner<'a, R> {
     /// Runners at rest, with a given number of values of the command in a sample, each of a given number of parts.
     /// The forces of all runs act at the same ports.
     pub fn new(
-        plant: &Plant,
+        plant: &'a Plant,
         parts: (usize, usize),
         forces: [&[(usize, &'a dyn Force)]; R],
         disturbances: &[usize],
@@ -148,6 +157,7 @@ impl<'a, const R: usize> Runner<'a, R> {
         Self {
             maps: block.maps(plant, &poles),
             late: block.late.then(|| Late::new(plant, &block, &ports)),
+            feedback: Feedback::new(plant),
             d: plant.d.clone(),
             state: state.to_vec(),
             motion: motion.to_vec(),
@@ -170,6 +180,7 @@ impl<'a, const R: usize> Runner<'a, R> {
     pub fn start(&mut self, run: usize, state: &State) {
         let lanes = self.block.state(&state.modes, &state.rest);
         self.state.iter_mut().zip(lanes).for_each(|(to, lane)| to[run] = lane);
+        self.feedback.iter_mut().for_each(|feedback| feedback.start(run, &state.controller));
         self.see();
         for port in &mut self.ports {
             let moving = &mut port.moving[run];
@@ -200,6 +211,18 @@ impl<'a, const R: usize> Runner<'a, R> {
         let poles: Vec<_> = plant.modes.iter().map(|mode| pole(mode.pole)).collect();
         self.maps = self.block.maps(plant, &poles);
         self.see();
+    }
+
+    /// Adds the feedback at a sample to the inputs.
+    #[inline(always)]
+    fn close(&mut self, held: &mut [[f64; R]], y: &mut [Channels; R], sample: usize) {
+        let Some(mut feedback) = self.feedback.take() else { return };
+        self.output(&[], y, sample);
+        feedback.find(held, y, sample);
+        for (held, fed) in held.iter_mut().zip(&feedback.fed) {
+            held.iter_mut().zip(fed).for_each(|(held, fed)| *held += fed);
+        }
+        self.feedback = Some(feedback);
     }
 
     /// Sets a new held input.
@@ -236,9 +259,10 @@ impl<'a, const R: usize> Runner<'a, R> {
         for (r, given) in given.iter().enumerate() {
             let drive = &given.drive;
             let values = k * drive.parts..(k + 1) * drive.parts;
-            for (b, u) in late.b.iter().zip(&drive.u) {
+            for (i, (b, u)) in late.b.iter().zip(&drive.u).enumerate() {
                 let mean = u[values.clone()].iter().sum::<f64>() / drive.parts as f64;
-                lanes::add(&mut late.held, b, r, mean);
+                let fed = self.feedback.as_ref().map_or(0.0, |feedback| feedback.fed[i][r]);
+                lanes::add(&mut late.held, b, r, mean + fed);
             }
         }
     }

@@ -166,5 +166,5 @@ pub fn case(numbers: &Numbers, extra: Extra, drive: fn(&[f64]) -> Vec<f64>, sens
         records.push(one);
     }
     config.record = Vec::new();
-    Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() }
+    Case { config, model: None, controller: None, records, for_simulation: Vec::new(), warnings: Vec::new() }
 }

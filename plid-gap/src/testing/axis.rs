@@ -13,7 +13,7 @@ use crate::judge::verdict::Verdict;
 use crate::testing::blind::integrate;
 use crate::testing::{add_noise, four_records, held, random_input};
 
-const RATE: f64 = 250.0;
+pub(super) const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
 
 /// Number of samples over which a command is held, long enough for the axis to move.
@@ -21,17 +21,17 @@ const HOLD: usize = 10;
 
 /// A mass on a viscous damper `c` and a spring `k`, with a further force of displacement and velocity.
 #[derive(Clone, Copy)]
-struct Axis {
-    mass: f64,
-    c: f64,
-    k: f64,
-    force: fn(f64, f64) -> f64,
-    position: bool,
+pub(super) struct Axis {
+    pub mass: f64,
+    pub c: f64,
+    pub k: f64,
+    pub force: fn(f64, f64) -> f64,
+    pub position: bool,
 }
 
 impl Axis {
     /// Returns the simulation, which lacks the further force.
-    fn simulation(&self) -> Model {
+    pub fn simulation(&self) -> Model {
         if !self.position && self.k == 0.0 {
             // The position is not a state of a motor of which only the velocity is measured.
             let (a, b) = held(&dmatrix![-self.c / self.mass], &dmatrix![self.mass.recip()], 1.0 / RATE);

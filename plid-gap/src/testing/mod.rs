@@ -3,6 +3,7 @@
 pub mod arm;
 mod axis;
 mod blind;
+mod controlled;
 mod truss;
 mod unquiet;
 
@@ -126,5 +127,5 @@ pub fn four_records(
     let mut sim = sim.clone();
     sim.noise.sensor_std = Some(std.to_vec());
     sim.noise.actuator_std = Some(vec![0.0; sim.m()]);
-    Case { config, model: Some(sim), records, for_simulation: Vec::new(), warnings: Vec::new() }
+    Case { config, model: Some(sim), controller: None, records, for_simulation: Vec::new(), warnings: Vec::new() }
 }

@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 use std::process::Command;
+use std::sync::Arc;
 
 use plid_gap::answer::predict::Predictor;
 use plid_gap::answer::schema::{SimulationWithEffects, Value, WrittenEffect};
-use plid_gap::case::Intersample;
+use plid_gap::case::{Controller, Intersample};
 use plid_gap::effects::{Action, Effect, Flexible, Library, MissingModeStart, Place, Setting};
 use plid_gap::research::{Fineness, Plant, Tone, changed_plant, simulate};
 use plid_model::Model;
@@ -79,6 +80,25 @@ impl Bench {
         Self { model, plant, setting, u: rig.u }
     }
 
+    /// Closes a loop from the first output, which answers to the input at once, to the first input. Its controller has
+    /// a state, and a reference where `refers` says so.
+    fn closed(mut self, refers: bool) -> Self {
+        let gain = 0.02 * self.setting.u_rms[0] / self.setting.y_rms[0];
+        let matrix =
+            |rows: usize, columns: usize, entries: &[f64]| nalgebra::DMatrix::from_row_slice(rows, columns, entries);
+        let (b, d) = (matrix(1, 2, &[-gain, 0.5]), matrix(1, 2, &[-gain, 0.7]));
+        let mut law = Model::new(self.model.sample_rate_hz, matrix(1, 1, &[0.6]), b, matrix(1, 1, &[0.3]), d).unwrap();
+        (law.inputs, law.outputs) = (vec!["y1".into(), "r".into()], vec!["u1".into()]);
+        if !refers {
+            law.inputs.truncate(1);
+            (law.b, law.d) = (matrix(1, 1, &[-gain]), matrix(1, 1, &[-gain]));
+        }
+        let loop_of_both = plid_model::close_loop(&self.model, &law).unwrap();
+        assert!(plid_model::stability(&loop_of_both).unwrap().unstable.is_empty());
+        self.plant.close(Arc::new(Controller::new(&self.model, law).unwrap()));
+        self
+    }
+
     /// Returns sizes at which an effect is visible: those from which a fit starts, on a mode with the parameters that
     /// may be left out; for a free shape, decreasing coefficients of either sign.
     fn sizes(&self, effect: &dyn Effect, place: &Place) -> Vec<f64> {
@@ -131,6 +151,7 @@ impl Bench {
             linear: self.plant.to_model(&self.model).to_json(),
             modes: self.plant.modes.len(),
             linear_with_modal_effects: changed.map(|plant| plant.to_model(&self.model).to_json()),
+            controller: self.plant.controller.as_ref().map(|controller| controller.model.to_json()),
             refit: Vec::new(),
             intersample: intersample(effects),
             effects: written,
@@ -154,14 +175,18 @@ impl Bench {
 
     /// Returns the outputs with some actions, and with the hold that these effects get.
     fn simulated(&self, effects: &Effects, actions: &[Action]) -> Channels {
-        simulate(&self.plant, actions, &intersample(effects).held(&self.u), T0, None, Fineness::FINE)
+        let held = intersample(effects).held(&self.u);
+        let u = self.plant.controller.as_ref().map_or(held.clone(), |controller| controller.driven_by(&held));
+        simulate(&self.plant, actions, &u, T0, None, Fineness::FINE)
     }
 
     /// Returns the prediction of the script from the file in this folder.
     fn carried(&self, folder: &Path) -> Channels {
         let [json, input, output] = ["sim-with-effect.json", "u.csv", "y.csv"].map(|name| folder.join(name));
         let rows: Vec<String> = self.u[0].iter().zip(&self.u[1]).map(|(a, b)| format!("{a:e},{b:e}")).collect();
-        std::fs::write(&input, format!("u1,u2\n{}\n", rows.join("\n"))).unwrap();
+        let drivers = self.plant.controller.as_ref().map(|controller| controller.drivers());
+        let header = drivers.unwrap_or_else(|| self.model.inputs.clone()).join(",");
+        std::fs::write(&input, format!("{header}\n{}\n", rows.join("\n"))).unwrap();
         let ran = Command::new("python3")
             .args([Path::new(SCRIPT), &json, &input, &output])
             .env("OPENBLAS_NUM_THREADS", "1")
@@ -237,6 +262,9 @@ struct Benches {
     discrete: Bench,
     /// A truss with a device beside it that the second input moves, and whose force is in the second output.
     tested: Bench,
+    /// Accelerations without filters under control, by a reference and by what is added to the command.
+    led: Bench,
+    held: Bench,
 }
 
 impl Benches {
@@ -272,12 +300,14 @@ impl Benches {
                 port.output = Some(vec![0.0, -1.0]);
                 model
             }),
+            led: bench(Rig::with(16, |truss| truss.filter_hz = None), &|model| model).closed(true),
+            held: bench(Rig::with(17, |truss| truss.filter_hz = None), &|model| model).closed(false),
         }
     }
 
     /// Every effect at a location of each kind at which it may act, and its free shape there; then several together.
     fn cases<'a>(&'a self, library: &'a Library) -> Vec<Case<'a>> {
-        let Self { declared, open, inferred, discrete, tested } = self;
+        let Self { declared, open, inferred, discrete, tested, led, held } = self;
         let get = |name: &str| library.get(name).unwrap();
         let free = |name: &str| Flexible::named(name).unwrap() as &dyn Effect;
         let mut cases: Vec<Case> = Vec::new();
@@ -315,6 +345,13 @@ impl Benches {
         let laws = springs.into_iter().chain(["coulomb-friction", "quadratic-damping"]).map(get);
         let shapes = ["free-stiffness", "free-damping", "free-joint"].map(free);
         cases.extend(laws.chain(shapes).map(|law| (tested, vec![(law, Place::Input(1))])));
+        for bench in [led, held] {
+            let force = |law: &str| (get(law), Place::Input(0));
+            cases.push((bench, vec![force("stick-friction")]));
+            cases.push((bench, vec![force("cubic-stiffness"), (get("modal-frequency"), Place::Mode(1))]));
+            cases.push((bench, vec![force("added-damping"), (free("free-stiffness-course"), Place::Structure)]));
+            cases.push((bench, vec![(get("narrowband-disturbance"), Place::Frequency(133.0, 1))]));
+        }
         let many = vec![
             (get("actuator-lag"), Place::Input(0)),
             (free("free-command-path"), Place::AllInputs),

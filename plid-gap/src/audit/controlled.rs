@@ -1,0 +1,73 @@
+//! The effects that a case in closed loop cannot have: those on a command or on a measurement. They act between the
+//! plant and its controller, at each sample, whereas a simulation applies them to a whole record, before or behind it.
+
+use plid_model::Model;
+
+use crate::case::{Case, CaseConfig};
+use crate::effects::{Effect, Library, Place, Setting, Side};
+use crate::error::GapError;
+use crate::plant::Plant;
+
+/// Excludes these effects from a case in closed loop. Returns what was left out, in words, and what can be done about
+/// it.
+///
+/// # Errors
+/// [`GapError::Model`].
+pub fn leave_out(
+    case: &mut Case,
+    model: &Model,
+    library: &Library,
+    without: &[String],
+) -> Result<Option<String>, GapError> {
+    if case.controller.is_none() {
+        return Ok(None);
+    }
+    let names = outside(model, library, without, &case.config)?;
+    let finding = (!names.is_empty()).then(|| {
+        format!(
+            "Left out, because a controller is declared and they act inside its loop: {}. To find them, diagnose with \
+            your own simulator of the loop under `[simulator]`, or, if the simulation is stable, with the recorded \
+            commands as inputs and without `[controller]`.",
+            names.join(", ")
+        )
+    });
+    case.config.exclude.extend(names);
+    Ok(finding)
+}
+
+/// Returns the effects of the library that act on commands or measurements and change a free run.
+fn outside(model: &Model, library: &Library, without: &[String], config: &CaseConfig) -> Result<Vec<String>, GapError> {
+    let setting = Setting::bare(&Plant::with_settings(model, &config.settings.plant)?, model);
+    let is_channel = |place: &Place| matches!(place, Place::Input(_) | Place::AllInputs | Place::Output(_));
+    let acts_outside = |effect: &dyn Effect| match effect.side() {
+        Side::Actuator | Side::Sensor => true,
+        Side::Time => effect.places(&setting).iter().any(is_channel),
+        Side::Structure | Side::Disturbance => false,
+    };
+    let left_out = |effect: &&dyn Effect| {
+        !effect.is_stochastic() && acts_outside(*effect) && !without.iter().any(|name| name == effect.name())
+    };
+    Ok(library.effects().filter(left_out).map(|effect| effect.name().to_string()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::truss;
+
+    #[test]
+    fn what_acts_on_a_channel_is_outside() {
+        let config = CaseConfig::new(1.0, Vec::new(), Vec::new());
+        let found = outside(&truss(1), &Library::standard(), &[], &config).unwrap();
+        let has = |name: &str| found.iter().any(|other| other == name);
+        for name in
+            ["actuator-lag", "actuator-gain-drift", "actuator-crosstalk", "sensor-delay", "sensor-drift", "mains-hum"]
+        {
+            assert!(has(name), "{name}");
+        }
+        for name in ["stick-friction", "added-mass", "modal-frequency", "stiffness-drift", "narrowband-disturbance"] {
+            assert!(!has(name), "{name}");
+        }
+        assert!(!has("sensor-noise"));
+    }
+}

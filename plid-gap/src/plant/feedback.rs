@@ -1,0 +1,61 @@
+//! The plant in closed loop. Its own modes, poles and ports stay what they are: the controller acts at the samples,
+//! where a simulation lets it read the outputs and add to the inputs.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::Plant;
+use crate::case::Controller;
+use plid_fourier::C;
+
+/// Lowest frequency, over the sample rate, at which the loop is evaluated: integrators have a pole at zero.
+const LOWEST: f64 = 1e-9;
+
+impl Controller {
+    /// Returns the response from the plant's outputs to its inputs at a frequency (m x p).
+    fn response(&self, hz: f64, rate: f64) -> DMatrix<C> {
+        let z = C::cis(std::f64::consts::TAU * hz / rate);
+        let k = self.a.nrows();
+        let direct = self.d.map(C::from);
+        let shifted = DMatrix::from_diagonal_element(k, k, z) - self.a.map(C::from);
+        match shifted.lu().solve(&self.b.map(C::from)) {
+            Some(states) if k > 0 => direct + self.c.map(C::from) * states,
+            _ => direct,
+        }
+    }
+}
+
+impl Plant {
+    /// Closes a loop around the plant. A port that moves as its input does is removed, because the command there is not
+    /// known before a run.
+    pub fn close(&mut self, controller: Arc<Controller>) {
+        self.ports.retain(|port| port.moved_by().is_none());
+        self.controller = Some(controller);
+    }
+
+    /// Returns the sensitivity of the loop at a frequency, (I - P K)^-1 (p x p), by which a disturbance of an output
+    /// appears in all outputs; `None` without a controller.
+    pub fn sensitivity(&self, hz: f64) -> Option<DMatrix<C>> {
+        let controller = self.controller.as_ref()?;
+        let hz = hz.max(LOWEST * self.rate);
+        let response = controller.response(hz, self.rate);
+        // Outputs that were added to the plant are not read.
+        let feedback = DMatrix::from_fn(self.m, self.p, |i, o| *response.get((i, o)).unwrap_or(&C::ZERO));
+        let loop_gain = self.open_response(hz) * feedback;
+        (DMatrix::identity(self.p, self.p) - loop_gain).try_inverse()
+    }
+
+    /// Returns the response p x m at a frequency, for held inputs; in closed loop, for what is added to the commands of
+    /// the controller.
+    pub fn response(&self, hz: f64) -> DMatrix<C> {
+        let open = self.open_response(hz);
+        self.sensitivity(hz).map_or(open.clone(), |sensitivity| sensitivity * open)
+    }
+
+    /// Returns the response (p) to a force at a port, held over samples, at a frequency.
+    pub fn port_response(&self, port: usize, hz: f64) -> DVector<C> {
+        let open = self.open_port_response(port, hz);
+        self.sensitivity(hz).map_or(open.clone(), |sensitivity| sensitivity * open)
+    }
+}

@@ -1,0 +1,389 @@
+//! Plants in closed loop. Their truths are integrated here in small steps, with the controller executed by hand at the
+//! samples and noise on what it reads.
+
+use std::path::Path;
+
+use nalgebra::{DMatrix, dmatrix};
+use plid_model::Model;
+use tempfile::TempDir;
+
+use crate::answer::schema::Diagnosis;
+use crate::case::Case;
+use crate::case::record::{Channels, rms};
+use crate::effects::{Action, CoulombFriction, CubicStiffness, Effect, Library, Place, Setting};
+use crate::error::GapError;
+use crate::judge::verdict::Verdict;
+use crate::plant::Plant;
+use crate::simulate::{Fineness, simulate};
+use crate::testing::axis::{Axis, RATE};
+use crate::testing::random_input;
+
+const SAMPLES: usize = 2500;
+
+/// A free slider, and a pendulum on its head that falls over within half a second.
+const SLIDER: Axis = Axis { mass: 1.0, c: 4.0, k: 0.0, force: |_, _| 0.0, position: true };
+const PENDULUM: Axis = Axis { c: 0.5, k: -20.0, ..SLIDER };
+
+/// Gains of the controllers: proportional, by the velocity, and of an integrator.
+const GENTLE: [f64; 3] = [60.0, 6.0, 0.0];
+const FIRM: [f64; 3] = [120.0, 12.0, 30.0];
+
+/// A controller with the states y of the last sample and the integral of r - y: u = p (r - y) - d (y - y before) / T +
+/// i times the integral.
+fn controller([p, d, i]: [f64; 3]) -> Model {
+    let t = 1.0 / RATE;
+    let (a, b) = (dmatrix![0.0, 0.0; 0.0, 1.0], dmatrix![1.0, 0.0; -t, t]);
+    let (c, through) = (dmatrix![d / t, i], dmatrix![-p - d / t, p]);
+    let mut model = Model::new(RATE, a, b, c, through).unwrap();
+    (model.inputs, model.outputs) = (vec!["y1".into(), "r".into()], vec!["u1".into()]);
+    model
+}
+
+/// The same without a reference.
+fn without_reference(gains: [f64; 3]) -> Model {
+    let mut model = controller(gains);
+    model.inputs.truncate(1);
+    (model.b, model.d) = (model.b.column(0).into_owned().resize(2, 1, 0.0), dmatrix![model.d[(0, 0)]]);
+    model
+}
+
+/// Advances displacement and velocity over a sample in which the command is held.
+type Advance<'a> = &'a dyn Fn([f64; 2], f64) -> [f64; 2];
+
+/// Runs a loop from rest. Returns the measured displacements and the commands.
+fn run(gains: [f64; 3], advance: Advance, r: &[f64], noise: &[f64]) -> [Vec<f64>; 2] {
+    let [p, d, i] = gains;
+    let (mut x, mut before, mut integral) = ([0.0; 2], 0.0, 0.0);
+    let (mut measured, mut commands) = (Vec::new(), Vec::new());
+    for (r, e) in r.iter().zip(noise) {
+        let y = x[0] + e;
+        let u = p * (r - y) - d * (y - before) * RATE + i * integral;
+        (before, integral) = (y, integral + (r - y) / RATE);
+        measured.push(y);
+        commands.push(u);
+        x = advance(x, u);
+    }
+    [measured, commands]
+}
+
+/// The classical Runge-Kutta method in 200 steps of a sample.
+fn smooth(axis: Axis, force: impl Fn(f64, f64) -> f64) -> impl Fn([f64; 2], f64) -> [f64; 2] {
+    const STEPS: usize = 200;
+    let h = 1.0 / (RATE * STEPS as f64);
+    move |mut x, u| {
+        let rate = |x: [f64; 2]| [x[1], (u - axis.c * x[1] - axis.k * x[0] + force(x[0], x[1])) / axis.mass];
+        let moved = |x: [f64; 2], k: [f64; 2], h: f64| [x[0] + h * k[0], x[1] + h * k[1]];
+        for _ in 0..STEPS {
+            let k1 = rate(x);
+            let k2 = rate(moved(x, k1, h / 2.0));
+            let k3 = rate(moved(x, k2, h / 2.0));
+            let k4 = rate(moved(x, k3, h));
+            x = std::array::from_fn(|j| x[j] + h / 6.0 * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j]));
+        }
+        x
+    }
+}
+
+/// Friction that holds up to 0.3 and slides at 0.2, by small steps that end at rest where the velocity changes its
+/// sign.
+fn sticking(axis: Axis) -> impl Fn([f64; 2], f64) -> [f64; 2] {
+    const STEPS: usize = 200;
+    let h = 1.0 / (RATE * STEPS as f64);
+    move |[mut d, mut v], u| {
+        for _ in 0..STEPS {
+            let other = u - axis.c * v - axis.k * d;
+            if v == 0.0 && other.abs() <= 0.3 {
+                continue;
+            }
+            let sign = if v == 0.0 { other.signum() } else { v.signum() };
+            let next = v + h / axis.mass * (other - sign * (0.2 + 0.1 * (-(v / 0.02).powi(2)).exp()));
+            let next = if v * next < 0.0 { 0.0 } else { next };
+            d += h * 0.5 * (v + next);
+            v = next;
+        }
+        [d, v]
+    }
+}
+
+/// A reference that is held over 40 samples.
+fn reference(seed: u64, level: f64) -> Vec<f64> {
+    let drawn = &random_input(seed, SAMPLES, 1)[0];
+    (0..SAMPLES).map(|k| level * drawn[k / 40]).collect()
+}
+
+/// What is declared as the inputs of a case.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Given {
+    References,
+    Commands,
+}
+
+/// Writes a case of a quiet record and three driven ones. `std` is the standard deviation of the noise.
+fn written(sim: &Model, gains: [f64; 3], advance: Advance, std: f64, given: Given) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
+    let mut sim = sim.clone();
+    sim.noise.sensor_std = Some(vec![std]);
+    sim.noise.actuator_std = Some(vec![0.0]);
+    put("sim.json", sim.to_json().to_string());
+    let law = if given == Given::References { controller(gains) } else { without_reference(gains) };
+    put("controller.json", law.to_json().to_string());
+    let input = if given == Given::References { "r" } else { "u1" };
+    let mut case = format!(
+        "sim = \"sim.json\"\nsample_rate_hz = {RATE:?}\ninputs = [\"{input}\"]\noutputs = [\"y1\"]\n\
+        units = {{ u1 = \"N\", y1 = \"m\" }}\n[controller]\nmodel = \"controller.json\"\n"
+    );
+    for (k, level) in [0.0, 0.02, 0.01, 0.02].into_iter().enumerate() {
+        let r = reference(k as u64 + 1, level);
+        let noise: Vec<f64> = random_input(k as u64 + 50, SAMPLES, 1)[0].iter().map(|e| std * e).collect();
+        let [y, u] = run(gains, advance, &r, &noise);
+        let rows: String = (0..SAMPLES).map(|k| format!("{:?},{:?},{:?}\n", r[k], u[k], y[k])).collect();
+        put(&format!("r{k}.csv"), format!("r,u1,y1\n{rows}"));
+        let excitation = if k == 0 { "zero" } else { "random" };
+        case += &format!("[[record]]\nfile = \"r{k}.csv\"\nexcitation = \"{excitation}\"\n");
+    }
+    put("case.toml", case);
+    folder
+}
+
+fn read(folder: &Path) -> Result<Case, GapError> {
+    Case::read(&folder.join("case.toml"))
+}
+
+fn diagnosed(folder: &TempDir) -> Diagnosis {
+    crate::diagnose(&read(folder.path()).unwrap(), &Library::standard(), &mut |_| {}).unwrap().diagnosis
+}
+
+/// Returns the simulation in closed loop.
+fn closed(axis: Axis, gains: [f64; 3]) -> (Plant, Setting) {
+    let sim = axis.simulation();
+    let mut plant = Plant::new(&sim).unwrap();
+    plant.close(std::sync::Arc::new(crate::case::Controller::new(&sim, controller(gains)).unwrap()));
+    let setting = Setting::bare(&plant, &sim);
+    (plant, setting)
+}
+
+/// Largest relative difference of the simulation in closed loop from the integration in small steps.
+fn far(axis: Axis, gains: [f64; 3], effect: &dyn Effect, parameters: &[f64], law: fn(f64, f64) -> f64) -> f64 {
+    let (plant, setting) = closed(axis, gains);
+    let r = reference(7, 0.02);
+    let actions: Vec<Action> = effect.act(&setting, &Place::Input(0), parameters);
+    let v = plant.controller.as_ref().unwrap().driven_by(std::slice::from_ref(&r));
+    let found = simulate(&plant, &actions, &v, 0.0, None, Fineness::FINE).remove(0);
+    let [expected, _] = run(gains, &smooth(axis, law), &r, &vec![0.0; SAMPLES]);
+    let [without, _] = run(gains, &smooth(axis, |_, _| 0.0), &r, &vec![0.0; SAMPLES]);
+    let rms_of = |a: &[f64], b: &[f64]| rms(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>());
+    assert!(rms_of(&expected, &without) > 0.03 * rms(&expected), "the force changes nothing");
+    rms_of(&found, &expected) / rms_of(&expected, &without)
+}
+
+/// Between two samples the plant moves with the command held, and the controller acts at samples alone: friction on a
+/// free slider, and a cubic spring and friction on a pendulum that stands on its head.
+#[test]
+fn forces_within_a_loop_agree_with_small_steps() {
+    fn friction(_: f64, v: f64) -> f64 {
+        -0.2 * (v / 0.02).tanh()
+    }
+    fn cube(d: f64, _: f64) -> f64 {
+        -3e4 * d.powi(3)
+    }
+    for (axis, gains) in [(SLIDER, GENTLE), (PENDULUM, FIRM)] {
+        let by_friction = far(axis, gains, &CoulombFriction, &[0.2, 0.02], friction);
+        assert!(by_friction < 1e-4, "k {}: {by_friction}", axis.k);
+        let by_spring = far(axis, gains, &CubicStiffness, &[3e4], cube);
+        assert!(by_spring < 1e-4, "k {}: {by_spring}", axis.k);
+        println!("k {}: friction {by_friction:.1e}, cubic spring {by_spring:.1e}", axis.k);
+    }
+}
+
+#[test]
+fn friction_that_sticks_is_named_on_a_slider_under_control() {
+    for given in [Given::References, Given::Commands] {
+        let found = diagnosed(&written(&SLIDER.simulation(), GENTLE, &sticking(SLIDER), 1e-5, given));
+        assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
+        let first = &found.effects[0];
+        assert_eq!(
+            (first.effect.as_str(), first.location.as_str()),
+            ("stick-friction", "input:u1"),
+            "{}",
+            found.sentence
+        );
+        for (name, size) in [("Fc", 0.2), ("Fs", 0.3)] {
+            let value = first.parameters[name].value;
+            assert!((value / size - 1.0).abs() < 0.1, "{given:?}: {name} {value}: {}", found.sentence);
+        }
+        assert_eq!(first.parameters["Fc"].unit, "N");
+        assert!(found.warnings.iter().any(|words| words.contains("actuator-lag") && words.contains("[simulator]")));
+        assert!(!found.place.side_is_clear);
+    }
+}
+
+#[test]
+fn a_cubic_spring_is_named_on_an_unstable_pendulum() {
+    let cube = smooth(PENDULUM, |d, _| -3e4 * d.powi(3));
+    for given in [Given::References, Given::Commands] {
+        let found = diagnosed(&written(&PENDULUM.simulation(), FIRM, &cube, 5e-5, given));
+        assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
+        let first = &found.effects[0];
+        assert_eq!(
+            (first.effect.as_str(), first.location.as_str()),
+            ("cubic-stiffness", "input:u1"),
+            "{}",
+            found.sentence
+        );
+        let value = first.parameters["k"].value;
+        assert!((value / 3e4 - 1.0).abs() < 0.05, "{given:?}: {value}: {}", found.sentence);
+    }
+}
+
+/// The exact simulation of an unstable plant, with noise in the loop: its low frequencies are suppressed, and its
+/// crossover is not.
+#[test]
+fn nothing_is_missing_from_an_exact_unstable_simulation() {
+    for given in [Given::References, Given::Commands] {
+        let exact = smooth(PENDULUM, |_, _| 0.0);
+        let found = diagnosed(&written(&PENDULUM.simulation(), FIRM, &exact, 1e-4, given));
+        assert_eq!(found.verdict, Verdict::None, "{given:?}: {}", found.sentence);
+        assert!(found.effects.is_empty() && found.gap.as_given < 1.1 * found.gap.noise_floor, "{:?}", found.gap);
+    }
+}
+
+/// A part of a record begins in motion, with a controller that has a memory: its state is fitted with the others.
+#[test]
+fn a_part_of_a_record_begins_with_an_unknown_state_of_the_controller() {
+    let exact = smooth(PENDULUM, |_, _| 0.0);
+    for given in [Given::References, Given::Commands] {
+        let folder = written(&PENDULUM.simulation(), FIRM, &exact, 1e-9, given);
+        let case = read(folder.path()).unwrap();
+        let part = case.records[1].part(1000..1600, RATE);
+        let (plant, _) = closed(PENDULUM, FIRM);
+        let y = crate::fit::free_run::run(&plant, &[], &part);
+        let left = rms(part.error(&y).iter().flatten()) / rms(part.y.iter().flatten());
+        assert!(left < 5e-3, "{given:?}: {left}");
+        let resting = simulate(&plant, &[], &part.u, part.start_s, None, Fineness::FINE);
+        assert!(rms(part.error(&resting).iter().flatten()) > 0.1 * rms(part.y.iter().flatten()));
+    }
+}
+
+/// The whitened noise of a loop has a variance of one at the lowest frequencies, where the controller suppresses it and
+/// the ends of the record leak, and on average over all of them.
+#[test]
+fn noise_in_a_loop_is_whitened() {
+    use crate::noise::NoiseModel;
+    use crate::noise::whiten::Whitener;
+    const RUNS: u64 = 100;
+    let (plant, _) = closed(SLIDER, GENTLE);
+    let noise = NoiseModel::declared(&plant, &[1e-3], &[0.0]);
+    let mut powers = vec![0.0; SAMPLES];
+    for seed in 0..RUNS {
+        let e: Vec<f64> = random_input(seed + 900, SAMPLES, 1)[0].iter().map(|e| 1e-3 * e).collect();
+        let [y, _] = run(GENTLE, &smooth(SLIDER, |_, _| 0.0), &vec![0.0; SAMPLES], &e);
+        let record = super::record(vec![vec![0.0; SAMPLES]], vec![y]);
+        let whitener = Whitener::new(&record, &noise, RATE, vec![Vec::new()]);
+        let mut white = vec![0.0; whitener.rows()];
+        whitener.apply(&record.y, &mut white);
+        powers.iter_mut().zip(&white).for_each(|(sum, white)| *sum += white * white / RUNS as f64);
+    }
+    let mean = |powers: &[f64]| powers.iter().sum::<f64>() / powers.len() as f64;
+    assert!((mean(&powers) - 1.0).abs() < 0.02, "{}", mean(&powers));
+    assert!((mean(&powers[..20]) - 1.0).abs() < 0.15, "{:?}", &powers[..20]);
+}
+
+/// A prediction from the file of a diagnosis is driven by the references, or by what is added to the commands.
+#[test]
+fn a_prediction_closes_the_loop() {
+    use crate::answer::predict::Predictor;
+    let cube = smooth(PENDULUM, |d, _| -3e4 * d.powi(3));
+    let r = reference(99, 0.02);
+    let [y, u] = run(FIRM, &cube, &r, &vec![0.0; SAMPLES]);
+    for given in [Given::References, Given::Commands] {
+        let folder = written(&PENDULUM.simulation(), FIRM, &cube, 5e-5, given);
+        let case = read(folder.path()).unwrap();
+        let simulation = crate::diagnose(&case, &Library::standard(), &mut |_| {}).unwrap().simulation;
+        let predictor = Predictor::new(simulation, &Library::standard(), Path::new("here")).unwrap();
+        let (name, input): (&str, Channels) = match given {
+            Given::References => ("r", vec![r.clone()]),
+            Given::Commands => {
+                ("u1", predictor.without_feedback(std::slice::from_ref(&u), std::slice::from_ref(&y)).unwrap())
+            }
+        };
+        assert_eq!(predictor.inputs, [name]);
+        let predicted = predictor.predict(&input, predictor.t0).unwrap().outputs.remove(0);
+        let error: Vec<f64> = predicted.iter().zip(&y).map(|(a, b)| a - b).collect();
+        assert!(rms(&error) < 0.01 * rms(&y), "{given:?}: {}", rms(&error) / rms(&y));
+    }
+}
+
+/// Changes a file of a case.
+fn change(folder: &TempDir, name: &str, change: impl FnOnce(String) -> String) {
+    let path = folder.path().join(name);
+    std::fs::write(&path, change(std::fs::read_to_string(&path).unwrap())).unwrap();
+}
+
+/// Writes a case whose simulation is exact.
+fn exact(given: Given) -> TempDir {
+    written(&PENDULUM.simulation(), FIRM, &smooth(PENDULUM, |_, _| 0.0), 1e-4, given)
+}
+
+/// Writes another controller into a case.
+fn put(folder: &TempDir, law: &Model) {
+    std::fs::write(folder.path().join("controller.json"), law.to_json().to_string()).unwrap();
+}
+
+/// Returns the error of a case, when it is read or in its audit.
+fn says(folder: &TempDir) -> String {
+    let case = match read(folder.path()) {
+        Ok(case) => case,
+        Err(error) => return format!("{:?}", miette::Report::new(error)),
+    };
+    crate::audit::audit(&case, &Library::standard(), &[], &mut |_| {}).unwrap_err().to_string()
+}
+
+#[test]
+fn channels_that_make_no_loop_are_refused() {
+    let law = controller(FIRM);
+    let cases: [(Given, Model, &str); 6] = [
+        (Given::References, Model { outputs: vec!["w".into()], ..law.clone() }, "`w`, which is not an input"),
+        (Given::References, Model { inputs: vec!["a".into(), "r".into()], ..law.clone() }, "one output of the plant"),
+        (Given::References, Model { inputs: vec!["y1".into(), "s".into()], ..law.clone() }, "inputs: r here"),
+        (Given::Commands, law.clone(), "inputs: u1 here"),
+        (Given::References, without_reference(FIRM), "has no reference, so they are u1"),
+        (Given::References, Model { sample_rate_hz: 100.0, ..law.clone() }, "sampled at 100 Hz"),
+    ];
+    for (given, law, words) in cases {
+        let folder = exact(given);
+        put(&folder, &law);
+        let said = says(&folder);
+        assert!(said.contains(words) && said.contains("controller.json"), "{words}: {said}");
+    }
+}
+
+#[test]
+fn what_does_not_fit_a_loop_is_refused() {
+    let folder = exact(Given::References);
+    put(&folder, &controller([-120.0, 12.0, 0.0]));
+    assert!(says(&folder).contains("controller.json: the loop that it closes around the simulation is unstable"));
+    let straight = exact(Given::References);
+    change(&straight, "sim.json", |_| {
+        let sim = PENDULUM.simulation();
+        // u = v - y with y = ... - u / (p + d / T) has no solution.
+        let d = DMatrix::from_element(1, 1, -1.0 / (FIRM[0] + FIRM[1] * RATE));
+        Model { d, ..sim }.to_json().to_string()
+    });
+    assert!(says(&straight).contains("algebraic loop"), "{}", says(&straight));
+    let gap = exact(Given::Commands);
+    change(&gap, "r1.csv", |text| text.replacen(&text.lines().nth(9).unwrap().to_string(), "0,0,nan", 1));
+    let said = says(&gap);
+    assert!(said.contains("r1.csv") && said.contains("`y1` lacks sample 8"), "{said}");
+    let decimated = exact(Given::References);
+    change(&decimated, "case.toml", |text| format!("decimate_to_hz = 125.0\n{text}"));
+    assert!(says(&decimated).contains("acts at every sample"), "{}", says(&decimated));
+    let unit = exact(Given::References);
+    change(&unit, "case.toml", |text| text.replace("u1 = \"N\"", "r = \"m\", u9 = \"N\""));
+    assert!(says(&unit).contains("`u9` is not one of the channels"), "{}", says(&unit));
+    let alone = exact(Given::Commands);
+    change(&alone, "case.toml", |text| text.replace("[controller]\nmodel = \"controller.json\"\n", ""));
+    let error = crate::audit::audit(&read(alone.path()).unwrap(), &Library::standard(), &[], &mut |_| {}).unwrap_err();
+    assert!(matches!(error, GapError::Unstable { .. }), "{error}");
+    assert!(format!("{:?}", miette::Report::new(error)).contains("[controller]"));
+}
