@@ -73,5 +73,5 @@ fn case() -> Result<Case, Box<dyn std::error::Error>> {
         });
     }
     let config = CaseConfig::new(RATE, model.inputs.clone(), model.outputs.clone());
-    Ok(Case { config, model: Some(model), records, for_simulation: Vec::new(), warnings: Vec::new() })
+    Ok(Case { config, model: Some(model), records, for_simulation: Vec::new(), controller: None, warnings: Vec::new() })
 }

@@ -41,7 +41,7 @@ fn case(seed: u64, disturbance: f64, bend: fn(f64, f64) -> f64) -> Case {
     records[1].name = "random-2".into();
     let config = CaseConfig::new(1.0, vec!["u1".into()], vec!["y1".into()]);
     let model = Some(Model { inputs: config.inputs.clone(), outputs: config.outputs.clone(), ..model });
-    Case { config, model, records, for_simulation: Vec::new(), warnings: Vec::new() }
+    Case { config, model, records, for_simulation: Vec::new(), controller: None, warnings: Vec::new() }
 }
 
 /// A disturbance that the inputs do not predict is noise, whatever its size and colour. The same gap made by a product
