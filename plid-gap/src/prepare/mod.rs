@@ -422,11 +422,15 @@ fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, quantisation: &[
     records.iter().enumerate().map(|(k, record)| Whitener::new(record, noise, rate, masked(k))).collect()
 }
 
-/// Adds the noise of coarse converters: q^2 / 12 as soon as the signal moves, although a quiet record may be constant.
+/// Adds the noise of converters and encoders: q^2 / 12 as soon as the signal moves, although a quiet record may be
+/// constant. A coarse one hides the noise before it, which is then as declared; with a finer one, it is what the quiet
+/// records show, and no less than that.
 fn rounded(noise: NoiseModel, quantisation: &[Quantisation], declared: &[f64]) -> NoiseModel {
-    let coarse = quantisation.iter().zip(declared).enumerate().filter(|(_, (quantisation, _))| quantisation.coarse);
-    coarse.fold(noise, |noise, (o, (quantisation, std))| {
-        noise.with_sensor(o, std * std + quantisation.step * quantisation.step / 12.0)
+    let shown = noise.sensors();
+    let outputs = quantisation.iter().zip(declared).enumerate().filter(|(_, (output, _))| output.step.is_finite());
+    outputs.fold(noise, |noise, (o, (output, std))| {
+        let rounding = output.step * output.step / 12.0;
+        noise.with_sensor(o, if output.coarse { std * std + rounding } else { shown[o].max(rounding) })
     })
 }
 
@@ -657,6 +661,25 @@ pub(crate) mod tests {
         let refitted = crate::fit::refit::refit(&ready.problem, crate::fit::refit::STEPS);
         ready.renew_missing(&refitted.eta);
         assert!(seen(&ready), "{:?}", ready.problem.setting.missing);
+    }
+
+    /// An encoder at rest shows no noise. As soon as it moves, it has that of its steps, and so has each record.
+    #[test]
+    fn an_encoder_at_rest_does_not_hide_its_steps() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        let std = case.model.as_ref().unwrap().noise.sensor_std.clone().unwrap();
+        let steps: Vec<f64> = std.iter().map(|std| 1.5 * std).collect();
+        for record in &mut case.records {
+            let quiet = record.excitation == Excitation::Zero;
+            for (y, step) in record.y.iter_mut().zip(&steps) {
+                y.iter_mut().for_each(|y| *y = if quiet { 0.0 } else { (*y / step).round() * step });
+            }
+        }
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        for ((variance, step), std) in ready.noise.sensors().iter().zip(&steps).zip(&std) {
+            assert!(*variance > 0.99 * step * step / 12.0 && *variance < 2.0 * std * std, "{variance} {step} {std}");
+        }
     }
 
     /// If a driven plant has more noise than the quiet record, the quiet record gives the noise level.
