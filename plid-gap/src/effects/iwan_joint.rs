@@ -56,6 +56,10 @@ impl Effect for IwanJoint {
         Some("dry friction")
     }
 
+    fn refines(&self) -> Option<&'static str> {
+        Some("joint-hysteresis")
+    }
+
     fn equation(&self) -> &'static str {
         "f = k (s d - (1 + chi) int z_x x^chi dx), x = 0..1; dz_x/dt = v where abs(z_x) < x dm or z_x returns, else 0; \
         without s it is 0, on a mode 1"

@@ -259,6 +259,12 @@ pub trait Effect: Send + Sync {
         None
     }
 
+    /// Returns the effect of which it is a finer law, with more parameters. It is then tried only in the place of that
+    /// effect, once the search has found it, or where the case suspects it.
+    fn refines(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Returns the parameter that is the phase of a sinusoidal disturbance. Such a phase may change from record to
     /// record; the line is then named, but no simulation can predict it.
     fn phase(&self) -> Option<usize> {

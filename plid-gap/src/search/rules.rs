@@ -99,6 +99,12 @@ impl Scope<'_, '_> {
         !placed.effect.is_stochastic() && self.rules.allow(placed, &self.names)
     }
 
+    /// Returns whether a search may add an effect. A finer law of another effect only takes its place, unless the case
+    /// suspects it.
+    pub fn admits(&self, placed: &Placed) -> bool {
+        self.allows(placed) && (placed.effect.refines().is_none() || self.rules.suspects(placed, &self.names))
+    }
+
     /// Returns the bonus of a suspicion, in twice the log likelihood.
     pub fn bonus(&self, placed: &Placed) -> f64 {
         if self.rules.suspects(placed, &self.names) { self.settings.suspect_bonus } else { 0.0 }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use crate::effects::{Names, Range};
+use crate::effects::{Effect, Names, Range};
 use crate::fit::candidate::{Candidate, all_same, in_words, same};
 use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem, sum_of_squares};
 use crate::fit::refit::{Refit, clipped};
@@ -93,7 +93,7 @@ pub fn search<'a>(
     // One effect may imitate two others better than each of these does alone.
     let mut runners_up: Vec<Fit> = Vec::new();
     for stage in 0..settings.most_effects {
-        let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed);
+        let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.admits(placed);
         let new = || SearchStage::new(problem, quick, &best, &there, &price, [settings.fitted, settings.polished]);
         let own = OnceCell::new();
         let searched = if stage == 0 { first } else { &own }.get_or_init(new);
@@ -138,6 +138,7 @@ pub fn search<'a>(
             best = further(problem, best, &price, &mut candidates);
         }
     }
+    best = refined(problem, quick, best, &price, &mut candidates);
     // An effect that was not accepted must rank behind no effect, whatever its price.
     if best.effects.is_empty() {
         let least = best.cost + settings.not_accepted_price;
@@ -161,7 +162,7 @@ fn after<'a>(
     say: &mut dyn FnMut(String),
 ) -> Vec<Fit<'a>> {
     let settings = &price.scope.settings;
-    let there = |placed: &Placed| start.effects.iter().any(|other| same(other, placed)) || !price.scope.allows(placed);
+    let there = |placed: &Placed| start.effects.iter().any(|other| same(other, placed)) || !price.scope.admits(placed);
     let searched = SearchStage::new(problem, quick, start, &there, price, [settings.fitted / 2, settings.polished / 2]);
     let (entries, fits) = searched.without(problem, quick, &there, price);
     let names = &problem.setting.names;
@@ -510,7 +511,7 @@ fn question<'a>(
         let mut others = best.effects.clone();
         let asked = others.remove(place);
         let there = |placed: &Placed| {
-            others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !price.scope.allows(placed)
+            others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !price.scope.admits(placed)
         };
         let without = Fit { effects: others.clone(), ..best.clone() };
         let searched =
@@ -521,6 +522,38 @@ fn question<'a>(
         if let Some(top) = top
             && price.of(&top) < price.of(&best)
         {
+            best = top;
+        }
+    }
+    best
+}
+
+/// Replaces each effect by a finer law of the same kind, if that explains as much of what is left as a further effect
+/// would have to.
+fn refined<'a>(
+    problem: &Problem,
+    quick: &Problem,
+    mut best: Fit<'a>,
+    price: &Price<'_, 'a>,
+    candidates: &mut Vec<Candidate<'a>>,
+) -> Fit<'a> {
+    let (scope, settings) = (price.scope, &price.scope.settings);
+    for place in 0..best.effects.len() {
+        let mut others = best.effects.clone();
+        let coarse = others.remove(place);
+        let refines = |effect: &dyn Effect| effect.refines() == Some(coarse.effect.name());
+        if !scope.library.effects().any(refines) {
+            continue;
+        }
+        let there = |placed: &Placed| !(refines(placed.effect) && placed.place == coarse.place && scope.allows(placed));
+        let without = Fit { effects: others, ..best.clone() };
+        let counts = [settings.fitted / 2, settings.polished / 2];
+        let searched = SearchStage::new(problem, quick, &without, &there, price, counts);
+        let (_, fits) = searched.without(problem, quick, &there, price);
+        candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
+        let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
+        let pays = |top: &Fit| price.of(&best) - price.of(top) > settings.accept_gain;
+        if let Some(top) = top.filter(|top| pays(top) && material(problem, scope, &best, top)) {
             best = top;
         }
     }
