@@ -5,8 +5,8 @@
 //! past alone (Granger, *Econometrica* 37, 1969, 424). Two predictors of the next value are compared by
 //! cross-validation over blocks of the records: a linear one of past residuals, and the same with polynomials of the
 //! inputs and the simulated outputs, as in a polynomial NARX model (Billings, *Nonlinear System Identification*, 2013,
-//! chapter 2). A residual that is sampled much faster than it changes is predicted from its own past whatever its cause,
-//! so the prediction reaches further ahead there.
+//! chapter 2). A residual that is sampled much faster than it changes is predicted from its own past, whatever its
+//! cause, so the prediction reaches further ahead there.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -78,8 +78,8 @@ pub struct Unpredicted {
 }
 
 impl Unpredicted {
-    /// Returns what a fit leaves, if the inputs do not predict it and it is not so large that it would have been noticed
-    /// as noise.
+    /// Returns what a fit leaves, if the inputs do not predict it and it is not so large that it would have been
+    /// noticed as noise.
     pub fn of(problem: &Problem, fit: &Fit) -> Option<Self> {
         let settings = &problem.settings.judge;
         let simulated = outputs(problem, &fit.eta, &fit.effects);
