@@ -385,6 +385,9 @@ def simulate(file, u, t0):
         u, parts = refined(u, parts, max([FORCE_PARTS] + [stiff_parts(*force, rate) for force in forces]))
     pushes = [(DISTURBANCES[name](t, p), strut(location, model)) for name, location, p in effects if name in DISTURBANCES]
     drifts = [(DRIFTS[name], p) for name, _, p in effects if name in DRIFTS]
+    loads = [name for name, _, _ in effects if name.startswith("added-")]
+    if drifts and loads:
+        sys.exit(f"{loads[0]} with a stiffness that changes: this script knows only the modes without it")
     y = structure(model, q, u, parts, t, forces, pushes, drifts, loop)
     for name, p, port in on_motions:
         d = u[model["inputs"].index(port["input"]), ::parts]

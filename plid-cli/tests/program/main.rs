@@ -5,6 +5,7 @@ mod chaos;
 mod cli;
 mod common;
 mod contents;
+mod controlled;
 mod documented;
 mod fmu;
 mod gap;

@@ -195,7 +195,7 @@ mod tests {
         let library = Library::standard();
         let shaped: Vec<(&dyn Effect, &Flexible)> =
             library.effects().filter_map(|effect| Some((effect, effect.free_shape()?))).collect();
-        assert_eq!(shaped.len(), 19);
+        assert_eq!(shaped.len(), 20);
         for (effect, free) in shaped {
             assert_eq!(effect.side(), free.side(), "{}", effect.name());
         }
