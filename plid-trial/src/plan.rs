@@ -246,7 +246,7 @@ mod tests {
         let planned = plan(&config, 7);
         assert_eq!(planned.len(), config.total());
         let of = |arm: Arm| planned.iter().filter(|c| c.arm == arm).collect::<Vec<_>>();
-        assert_eq!((of(Arm::None).len(), of(Arm::Single).len()), (12, 128));
+        assert_eq!((of(Arm::None).len(), of(Arm::Single).len()), (12, 132));
         for (arm, count) in [(Arm::Pair, 2), (Arm::Triple, 3)] {
             for case in of(arm) {
                 let names: BTreeSet<&str> = case.effects.iter().map(|e| e.kind.name).collect();
@@ -302,7 +302,7 @@ mod tests {
         let cases = Cases { none: 9, singles_per_effect: 2, pairs: 40, triples: 40, outsiders: 16, ..Cases::default() };
         let config = TrialConfig { name: "t".to_owned(), cases, draw: Draw { plants, ..Draw::default() } };
         let planned = plan(&config, 7);
-        assert_eq!((config.effects().len(), planned.len()), (40, config.total()));
+        assert_eq!((config.effects().len(), planned.len()), (41, config.total()));
         for case in &planned {
             let plant = case.spec.plant;
             assert!(case.effects.iter().all(|wanted| plant.takes(wanted.kind.name)), "{case:?}");

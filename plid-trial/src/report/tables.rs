@@ -126,7 +126,7 @@ fn answerers(report: Report, scores: &Scores) -> Report {
         "BIC alone: the candidates that the diagnosis fitted, ranked by BIC without any test of adequacy; it predicts \
          with plid's simulation. Sparse regression: thresholded least squares on monomials of commands, outputs and \
          motions at the ports. Linear refit: all modes almost without bounds; it names the frequency or damping that \
-         went furthest beyond the stated limits. Chance: one of the 33 names with equal probability.",
+         went furthest beyond the stated limits. Chance: one of the 34 names with equal probability.",
     )
 }
 
