@@ -148,7 +148,7 @@ pub fn search<'a>(
     Search { best, candidates, stages, overlap }
 }
 
-/// Returns whether a single effect leaves so much beyond the noise that it may imitate the cause.
+/// Returns whether an explanation leaves so much beyond the noise that it may only imitate the cause.
 fn imitates(fit: &Fit, price: &Price) -> bool {
     sum_of_squares(&fit.residual) > price.scope.settings.imitation_left * price.rows
 }
@@ -528,8 +528,8 @@ fn question<'a>(
     best
 }
 
-/// Replaces each effect by a finer law of the same kind, if that explains as much of what is left as a further effect
-/// would have to.
+/// Replaces each effect by a finer law of the same kind if more than noise is left, and if the finer law explains as
+/// much of that as a further effect would have to.
 fn refined<'a>(
     problem: &Problem,
     quick: &Problem,
@@ -538,6 +538,9 @@ fn refined<'a>(
     candidates: &mut Vec<Candidate<'a>>,
 ) -> Fit<'a> {
     let (scope, settings) = (price.scope, &price.scope.settings);
+    if !imitates(&best, price) {
+        return best;
+    }
     for place in 0..best.effects.len() {
         let mut others = best.effects.clone();
         let coarse = others.remove(place);
