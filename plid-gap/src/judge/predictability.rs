@@ -93,7 +93,7 @@ impl Unpredicted {
             let both = record.y[o].iter().zip(&simulated[o]);
             both.map(|(y, simulated)| y - simulated).filter(|error| error.is_finite()).collect()
         };
-        let left = |o: usize| rms(&driven().flat_map(|record| of(record, o)).collect::<Vec<f64>>());
+        let left = |o: usize| rms(driven().flat_map(|record| of(record, o)));
         (at_most < settings.noise_predicted).then(|| Self { at_most, rms: (0..problem.plant.p).map(left).collect() })
     }
 

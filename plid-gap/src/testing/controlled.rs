@@ -172,7 +172,7 @@ fn far(axis: Axis, gains: [f64; 3], effect: &dyn Effect, parameters: &[f64], law
     let found = simulate(&plant, &actions, &v, 0.0, None, Fineness::FINE).remove(0);
     let [expected, _] = run(gains, &smooth(axis, law), &r, &vec![0.0; SAMPLES]);
     let [without, _] = run(gains, &smooth(axis, |_, _| 0.0), &r, &vec![0.0; SAMPLES]);
-    let rms_of = |a: &[f64], b: &[f64]| rms(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>());
+    let rms_of = |a: &[f64], b: &[f64]| rms(a.iter().zip(b).map(|(a, b)| a - b));
     assert!(rms_of(&expected, &without) > 0.03 * rms(&expected), "the force changes nothing");
     rms_of(&found, &expected) / rms_of(&expected, &without)
 }
