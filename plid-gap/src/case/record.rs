@@ -75,4 +75,9 @@ impl Record {
         };
         self.y.iter().zip(simulated).map(one).collect()
     }
+
+    /// Returns measured minus simulated values of one output, without the samples that are missing.
+    pub(crate) fn measured_error<'r>(&'r self, output: usize, simulated: &'r [f64]) -> impl Iterator<Item = f64> + 'r {
+        self.y[output].iter().zip(simulated).filter(|(y, _)| y.is_finite()).map(|(y, s)| y - s)
+    }
 }

@@ -26,8 +26,7 @@ pub fn offsets<'a>(problem: &Problem, fit: &Fit) -> Vec<Placed<'a>> {
             return None;
         }
         let blocks = |(record, simulated): (&Record, &Channels)| -> Vec<f64> {
-            let measured = record.y[o].iter().zip(&simulated[o]).filter(|(y, _)| y.is_finite());
-            let error: Vec<f64> = measured.map(|(y, s)| y - s).collect();
+            let error: Vec<f64> = record.measured_error(o, &simulated[o]).collect();
             error.chunks(error.len().div_ceil(BLOCKS).max(1)).map(mean).collect()
         };
         let certain = certain_mean(&driven().flat_map(blocks).collect::<Vec<f64>>());

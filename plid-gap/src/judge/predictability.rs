@@ -89,11 +89,7 @@ impl Unpredicted {
         let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.is_driven());
         let all = predictability(problem, &simulated)?;
         let at_most = all.into_iter().map(Predictability::at_most).fold(0.0, f64::max);
-        let of = |(record, simulated): (&Record, &Channels), o: usize| -> Vec<f64> {
-            let both = record.y[o].iter().zip(&simulated[o]);
-            both.map(|(y, simulated)| y - simulated).filter(|error| error.is_finite()).collect()
-        };
-        let left = |o: usize| rms(driven().flat_map(|record| of(record, o)));
+        let left = |o: usize| rms(driven().flat_map(|(record, simulated)| record.measured_error(o, &simulated[o])));
         (at_most < settings.noise_predicted).then(|| Self { at_most, rms: (0..problem.plant.p).map(left).collect() })
     }
 
@@ -133,12 +129,11 @@ fn of_output(driven: &[Driven], output: usize, past: usize) -> Option<Predictabi
     let rows = |step: usize, all: bool| -> Vec<Row> {
         driven.iter().flat_map(|driven| driven.rows((output, past, step), each, all)).collect()
     };
-    let alone = STEPS.map(|step| (step, blocks(&rows(step, false), past)));
-    let (step, alone) = alone.iter().find_map(|(step, blocks)| {
-        let blocks = blocks.as_ref()?;
+    let (step, alone) = STEPS.into_iter().find_map(|step| {
+        let blocks = blocks(&rows(step, false), past)?;
         let power: f64 = blocks.iter().map(|block| block.power).sum();
-        let errors = errors(blocks, past + 1, 0.0);
-        (errors.iter().sum::<f64>() > LEFT_BY_PAST * power).then_some((*step, errors))
+        let errors = errors(&blocks, past + 1, 0.0);
+        (errors.iter().sum::<f64>() > LEFT_BY_PAST * power).then_some((step, errors))
     })?;
     compared(&alone, &blocks(&rows(step, true), past)?, past + 1)
 }

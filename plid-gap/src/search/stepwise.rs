@@ -506,22 +506,11 @@ fn question<'a>(
     price: &Price<'_, 'a>,
     candidates: &mut Vec<Candidate<'a>>,
 ) -> Fit<'a> {
-    let settings = &price.scope.settings;
     for place in 0..best.effects.len() {
-        let mut others = best.effects.clone();
-        let asked = others.remove(place);
-        let there = |placed: &Placed| {
-            others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !price.scope.admits(placed)
-        };
-        let without = Fit { effects: others.clone(), ..best.clone() };
-        let searched =
-            SearchStage::new(problem, quick, &without, &there, price, [settings.fitted / 2, settings.polished / 2]);
-        let (_, fits) = searched.without(problem, quick, &there, price);
-        candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
-        let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
-        if let Some(top) = top
-            && price.of(&top) < price.of(&best)
-        {
+        let asked = best.effects[place].clone();
+        let may = |placed: &Placed| !same(&asked, placed) && price.scope.admits(placed);
+        let top = replaced(problem, quick, &best, place, &may, price, candidates);
+        if let Some(top) = top.filter(|top| price.of(top) < price.of(&best)) {
             best = top;
         }
     }
@@ -537,28 +526,44 @@ fn refined<'a>(
     price: &Price<'_, 'a>,
     candidates: &mut Vec<Candidate<'a>>,
 ) -> Fit<'a> {
-    let (scope, settings) = (price.scope, &price.scope.settings);
+    let scope = price.scope;
     if !imitates(&best, price) {
         return best;
     }
     for place in 0..best.effects.len() {
-        let mut others = best.effects.clone();
-        let coarse = others.remove(place);
+        let coarse = best.effects[place].clone();
         let refines = |effect: &dyn Effect| effect.refines() == Some(coarse.effect.name());
         if !scope.library.effects().any(refines) {
             continue;
         }
-        let there = |placed: &Placed| !(refines(placed.effect) && placed.place == coarse.place && scope.allows(placed));
-        let without = Fit { effects: others, ..best.clone() };
-        let counts = [settings.fitted / 2, settings.polished / 2];
-        let searched = SearchStage::new(problem, quick, &without, &there, price, counts);
-        let (_, fits) = searched.without(problem, quick, &there, price);
-        candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
-        let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
-        let pays = |top: &Fit| price.of(&best) - price.of(top) > settings.accept_gain;
+        let may = |placed: &Placed| refines(placed.effect) && placed.place == coarse.place && scope.allows(placed);
+        let top = replaced(problem, quick, &best, place, &may, price, candidates);
+        let pays = |top: &Fit| price.of(&best) - price.of(top) > scope.settings.accept_gain;
         if let Some(top) = top.filter(|top| pays(top) && material(problem, scope, &best, top)) {
             best = top;
         }
     }
     best
+}
+
+/// Returns the best fit in which the effect at this place of an explanation is replaced by one that `may` take it.
+fn replaced<'a>(
+    problem: &Problem,
+    quick: &Problem,
+    best: &Fit<'a>,
+    place: usize,
+    may: &(dyn Fn(&Placed) -> bool + Sync),
+    price: &Price<'_, 'a>,
+    candidates: &mut Vec<Candidate<'a>>,
+) -> Option<Fit<'a>> {
+    let settings = &price.scope.settings;
+    let mut others = best.effects.clone();
+    others.remove(place);
+    let there = |placed: &Placed| others.iter().any(|other| same(other, placed)) || !may(placed);
+    let without = Fit { effects: others.clone(), ..best.clone() };
+    let counts = [settings.fitted / 2, settings.polished / 2];
+    let searched = SearchStage::new(problem, quick, &without, &there, price, counts);
+    let (_, fits) = searched.without(problem, quick, &there, price);
+    candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
+    fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)))
 }

@@ -77,6 +77,28 @@ fn first_number(place: &str) -> usize {
     (digit as usize).clamp(1, INPUTS) - 1
 }
 
+/// Returns whether an effect is a force at the strut, or on the axis, of one input that follows its motion.
+pub(super) fn is_at_a_strut(kind: &str) -> bool {
+    matches!(
+        kind,
+        "cubic-stiffness"
+            | "quadratic-stiffness"
+            | "coulomb-friction"
+            | "clearance"
+            | "iwan-joint"
+            | "joint-hysteresis"
+            | "quadratic-damping"
+            | "stick-friction"
+            | "backlash"
+            | "end-stop"
+            | "one-sided-stop"
+            | "gravity-sine"
+            | "added-mass"
+            | "added-damping"
+            | "added-stiffness"
+    )
+}
+
 fn place_of(kind: &str) -> Option<Place> {
     if let Some(truth) = own::find(kind) {
         return Some(match truth.side() {
@@ -92,23 +114,8 @@ fn place_of(kind: &str) -> Option<Place> {
         "sensor-crosstalk" => Place::OutputPair,
         "mains-hum" | "x-sensor-rate-limit" | "x-sensor-square" | "x-channel-product" => Place::Output,
         "x-command-play" | "x-delay-jitter" | "x-sticking-valve" => Place::Input,
-        "cubic-stiffness"
-        | "quadratic-stiffness"
-        | "coulomb-friction"
-        | "clearance"
-        | "iwan-joint"
-        | "joint-hysteresis"
-        | "quadratic-damping"
-        | "stick-friction"
-        | "backlash"
-        | "end-stop"
-        | "one-sided-stop"
-        | "gravity-sine"
-        | "added-mass"
-        | "added-damping"
-        | "added-stiffness"
-        | "narrowband-disturbance"
-        | "coloured-disturbance" => Place::Input,
+        force if is_at_a_strut(force) => Place::Input,
+        "narrowband-disturbance" | "coloured-disturbance" => Place::Input,
         "actuator-saturation"
         | "actuator-dead-zone"
         | "actuator-hysteresis"

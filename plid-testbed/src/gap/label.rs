@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::effect::is_at_a_strut;
 use super::spec::{Experiment, PlantKind, Simulator};
 use crate::axes::Axes;
 use crate::effects::{Effect, own};
@@ -161,21 +162,9 @@ impl LabelledEffect {
             };
         }
         match self.effect.as_str() {
-            "cubic-stiffness"
-            | "quadratic-stiffness"
-            | "coulomb-friction"
-            | "clearance"
-            | "iwan-joint"
-            | "joint-hysteresis"
-            | "quadratic-damping"
-            | "stick-friction"
-            | "backlash"
-            | "end-stop"
-            | "one-sided-stop"
-            | "gravity-sine"
-            | "added-mass"
-            | "added-damping"
-            | "added-stiffness" => location == format!("input:u{loc}") || location == format!("port:strut{loc}"),
+            force if is_at_a_strut(force) => {
+                location == format!("input:u{loc}") || location == format!("port:strut{loc}")
+            }
             "modal-frequency" | "modal-damping" | "missing-mode" => near(self.hz, SAME_MODE),
             "narrowband-disturbance" | "coloured-disturbance" => near(par[1], SAME_FREQUENCY),
             "stiffness-drift" => location == "structure",

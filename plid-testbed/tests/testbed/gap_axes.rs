@@ -1,9 +1,9 @@
 //! Cases of bodies on axes: motors, servos, sliders, a pendulum, arms and closed loops.
 
 use nalgebra::DMatrix;
-use ndarray::Array2;
 use plid_testbed::gap::{Channels, EffectSpec, Experiment, GapCase, GapError, GapSpec, PlantKind, Simulator, draw};
 
+use crate::gap_kinds::{matrix, simulated};
 use crate::rms;
 
 fn axes() -> impl Iterator<Item = PlantKind> {
@@ -21,25 +21,6 @@ fn with(kind: &str, gap: f64, spec: GapSpec) -> GapSpec {
 
 fn simulation(case: &GapCase) -> serde_json::Value {
     serde_json::to_value(&case.simulation).unwrap()
-}
-
-fn matrix(rows: &serde_json::Value) -> DMatrix<f64> {
-    let rows: Vec<Vec<f64>> = serde_json::from_value(rows.clone()).unwrap();
-    DMatrix::from_fn(rows.len(), rows[0].len(), |i, j| rows[i][j])
-}
-
-/// Outputs of the written simulation, by loops of its own.
-fn simulated(case: &GapCase, commands: &Array2<f64>) -> Array2<f64> {
-    let sim = simulation(case);
-    let [a, b, c] = ["A", "B", "C"].map(|key| matrix(&sim[key]));
-    let mut x = DMatrix::zeros(a.nrows(), 1);
-    let mut y = Array2::zeros((commands.nrows(), c.nrows()));
-    for k in 0..commands.nrows() {
-        let now = &c * &x;
-        (0..c.nrows()).for_each(|i| y[(k, i)] = now[(i, 0)]);
-        x = &a * &x + &b * DMatrix::from_fn(b.ncols(), 1, |j, _| commands[(k, j)]);
-    }
-    y
 }
 
 /// Without an effect the written simulation gives every record, down to the noise that it declares.

@@ -25,13 +25,13 @@ fn of(inputs: usize, outputs: usize) -> Channels {
     Channels { inputs, outputs }
 }
 
-fn matrix(sim: &serde_json::Value) -> DMatrix<f64> {
+pub fn matrix(sim: &serde_json::Value) -> DMatrix<f64> {
     let rows: Vec<Vec<f64>> = serde_json::from_value(sim.clone()).unwrap();
     DMatrix::from_fn(rows.len(), rows[0].len(), |i, j| rows[i][j])
 }
 
 /// Outputs of the written simulation, by loops of its own.
-fn simulated(case: &GapCase, commands: &Array2<f64>) -> Array2<f64> {
+pub fn simulated(case: &GapCase, commands: &Array2<f64>) -> Array2<f64> {
     let sim = serde_json::to_value(&case.simulation).unwrap();
     let [a, b, c] = ["A", "B", "C"].map(|key| matrix(&sim[key]));
     let mut x = DMatrix::zeros(a.nrows(), 1);
