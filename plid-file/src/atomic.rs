@@ -1,10 +1,10 @@
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::{Builder, NamedTempFile};
 
-use crate::leftover::{SUFFIX, claim, clear, prefix};
+use crate::leftover::{Lock, SUFFIX, claim, clear, prefix};
 
 /// Links are followed so many times before they are taken for a circle, as Linux does.
 const LINKS: usize = 40;
@@ -49,7 +49,7 @@ fn followed(path: &Path) -> io::Result<PathBuf> {
 }
 
 /// A new temporary file in the folder of `target`, and its lock.
-fn neighbour(target: &Path) -> io::Result<(NamedTempFile, File)> {
+fn neighbour(target: &Path) -> io::Result<(NamedTempFile, Lock)> {
     let Some(name) = target.file_name() else {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{} names no file", target.display())));
     };
@@ -66,7 +66,7 @@ fn neighbour(target: &Path) -> io::Result<(NamedTempFile, File)> {
     }
     loop {
         let file = builder.tempfile_in(folder)?;
-        if let Some(lock) = claim(file.path()) {
+        if let Some(lock) = claim(file.path())? {
             return Ok((file, lock));
         }
     }
@@ -127,6 +127,7 @@ mod tests {
     #[cfg(unix)]
     mod unix {
         use super::*;
+        use std::fs::File;
         use std::io::Read;
         use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
 

@@ -2,9 +2,7 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
 
-use tempfile::Builder;
-
-use crate::leftover::{SUFFIX, claim, clear, prefix};
+use crate::Scratch;
 
 /// Writes a new folder with these files whole or not at all. Several processes may do so at once: one of them succeeds.
 ///
@@ -14,13 +12,7 @@ pub fn write_folder<'a>(place: &Path, files: impl IntoIterator<Item = (&'a str, 
     let (Some(name), Some(parent)) = (place.file_name(), place.parent()) else {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{} names no folder", place.display())));
     };
-    clear(parent, name);
-    let (beside, _lock) = loop {
-        let beside = Builder::new().prefix(&prefix(name)).suffix(SUFFIX).tempdir_in(parent)?;
-        if let Some(lock) = claim(beside.path()) {
-            break (beside, lock);
-        }
-    };
+    let beside = Scratch::new(parent, name)?;
     for (name, bytes) in files {
         let mut file = File::create(beside.path().join(name))?;
         file.write_all(bytes)?;
@@ -31,7 +23,7 @@ pub fn write_folder<'a>(place: &Path, files: impl IntoIterator<Item = (&'a str, 
         _ => error,
     })?;
     // It has another name now, and nothing is left to remove.
-    let _ = beside.keep();
+    beside.keep();
     Ok(())
 }
 

@@ -5,6 +5,7 @@
 
 use std::ffi::OsStr;
 use std::fs::{self, File, TryLockError};
+use std::io;
 use std::path::Path;
 
 /// How the name of a temporary entry ends.
@@ -15,13 +16,31 @@ pub(crate) fn prefix(name: &OsStr) -> String {
     format!(".{}.", name.to_string_lossy())
 }
 
-/// Takes the lock of a new temporary entry. It is held until the returned file is closed. `None` if another process
-/// took the entry for a leftover before the lock was held and has removed it.
-pub(crate) fn claim(path: &Path) -> Option<File> {
-    let file = File::open(path).ok()?;
-    // A file system without locks also has no other process that could take one.
-    let _ = file.lock();
-    path.exists().then_some(file)
+/// The lock of a temporary entry, which is held until this value is dropped.
+#[derive(Debug)]
+pub(crate) struct Lock {
+    /// `None` where the system does not open folders.
+    _file: Option<File>,
+}
+
+/// Takes the lock of a new temporary entry. Returns `None` if another process took the entry for a leftover before the
+/// lock was held and has removed it.
+///
+/// # Errors
+/// Returns the error of the file system if the entry is there and cannot be opened.
+pub(crate) fn claim(path: &Path) -> io::Result<Option<Lock>> {
+    let file = match File::open(path) {
+        Ok(file) => Some(file),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        // Windows does not open folders, so that none is ever taken for a leftover there.
+        Err(_) if cfg!(windows) && path.is_dir() => None,
+        Err(error) => return Err(error),
+    };
+    if let Some(file) = &file {
+        // A file system without locks also has no other process that could take one.
+        let _ = file.lock();
+    }
+    Ok(path.exists().then_some(Lock { _file: file }))
 }
 
 /// Removes the temporary entries for `name` in `folder` that belong to no process. Errors are ignored, because
@@ -32,7 +51,9 @@ pub(crate) fn clear(folder: &Path, name: &OsStr) {
     for entry in entries.flatten() {
         let found = entry.file_name();
         let found = found.to_string_lossy();
-        if !found.starts_with(&prefix) || !found.ends_with(SUFFIX) {
+        // A pipe of this name, which anybody may put into a shared folder, would have no end when it is opened.
+        let own = entry.file_type().is_ok_and(|kind| kind.is_dir() || kind.is_file());
+        if !own || !found.starts_with(&prefix) || !found.ends_with(SUFFIX) {
             continue;
         }
         let path = entry.path();

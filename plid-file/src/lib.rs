@@ -3,6 +3,7 @@
 //! - [`write_atomic`] writes a file whole or not at all.
 //! - [`write_folder`] does the same for a new folder.
 //! - [`Staged`] does the same for several files that belong together in one folder.
+//! - [`Scratch`] is a temporary folder, which is also removed if its process is killed.
 //! - [`to_json`] refuses a number that is not finite, because JSON has none.
 //! - [`file_name`] turns any name into one that stays in its folder.
 //! - With the feature `hash`, `sha256` identifies files by their content.
@@ -13,6 +14,7 @@ mod folder;
 mod hash;
 mod leftover;
 mod name;
+mod scratch;
 mod staged;
 mod strict;
 
@@ -21,5 +23,6 @@ pub use folder::write_folder;
 #[cfg(feature = "hash")]
 pub use hash::{digest, executable_sha256, hex, sha256};
 pub use name::file_name;
+pub use scratch::Scratch;
 pub use staged::Staged;
 pub use strict::{NotFinite, require_finite, to_json, to_value};

@@ -1,10 +1,8 @@
-use std::fs::{self, File};
+use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use tempfile::{Builder, TempDir};
-
-use crate::leftover::{SUFFIX, claim, clear, prefix};
+use crate::Scratch;
 
 /// The files of one result, which replace those of an older one together.
 ///
@@ -13,8 +11,7 @@ use crate::leftover::{SUFFIX, claim, clear, prefix};
 #[derive(Debug)]
 pub struct Staged {
     target: PathBuf,
-    folder: TempDir,
-    _lock: File,
+    folder: Scratch,
 }
 
 impl Staged {
@@ -24,15 +21,8 @@ impl Staged {
     /// Returns the error of the file system.
     pub fn new(target: &Path) -> io::Result<Self> {
         fs::create_dir_all(target)?;
-        let name = "staged".as_ref();
-        clear(target, name);
-        loop {
-            // Inside the target, because its parent may be another file system, or closed to this user.
-            let folder = Builder::new().prefix(&prefix(name)).suffix(SUFFIX).tempdir_in(target)?;
-            if let Some(lock) = claim(folder.path()) {
-                return Ok(Self { target: target.into(), folder, _lock: lock });
-            }
-        }
+        // Inside the target, because its parent may be another file system, or closed to this user.
+        Ok(Self { target: target.into(), folder: Scratch::new(target, "staged")? })
     }
 
     /// Where the files are to be written.

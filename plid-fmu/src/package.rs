@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use tempfile::TempDir;
+use plid_file::Scratch;
 use zip::ZipArchive;
 use zip::result::ZipError;
 
@@ -21,7 +21,7 @@ pub(crate) struct Package {
     pub binary: Arc<Binary>,
     pub birth: Birth,
     /// The folder of the binary and its resources, which is removed at the end.
-    _folder: TempDir,
+    _folder: Scratch,
 }
 
 impl Package {
@@ -36,7 +36,7 @@ impl Package {
     }
 }
 
-fn unpack(file: &Path) -> Result<(TempDir, ModelDescription), FmuError> {
+fn unpack(file: &Path) -> Result<(Scratch, ModelDescription), FmuError> {
     let io = |source: std::io::Error| FmuError::Io { file: file.into(), source };
     let damaged = |error: ZipError| match error {
         ZipError::Io(source) if source.kind() != std::io::ErrorKind::UnexpectedEof => io(source),
@@ -44,7 +44,7 @@ fn unpack(file: &Path) -> Result<(TempDir, ModelDescription), FmuError> {
     };
     let wrong = |message: String| FmuError::Description { file: file.into(), message };
     let mut archive = ZipArchive::new(File::open(file).map_err(io)?).map_err(damaged)?;
-    let folder = tempfile::Builder::new().prefix("plid-fmu-").tempdir().map_err(io)?;
+    let folder = Scratch::new(&std::env::temp_dir(), "plid-fmu").map_err(io)?;
     archive.extract(folder.path()).map_err(damaged)?;
     let text = fs::read(folder.path().join("modelDescription.xml")).map_err(|error| wrong(error.to_string()))?;
     let text = String::from_utf8(text).map_err(|error| wrong(error.to_string()))?;

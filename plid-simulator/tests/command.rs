@@ -205,3 +205,18 @@ fn printing_does_no_harm() {
     let mut simulator = python("sim.py", folder.path(), Duration::from_secs(20)).unwrap();
     assert_eq!(simulator.run(&[], &[vec![1.0, -2.0]]).unwrap(), [[2.0, -4.0]]);
 }
+
+/// At the end of its input a program may still do something, and one that goes on is stopped.
+#[test]
+fn a_program_is_left_a_moment_to_end() {
+    if !has_python() {
+        return;
+    }
+    let lines = format!("{HEAD}    def run(self, parameters, u):\n        return [u]\nserve(S())\n");
+    let folder = written(&format!("{lines}open('ended', 'w').close()\ntime.sleep(600)\n"));
+    let simulator = python("sim.py", folder.path(), Command::PATIENCE).unwrap();
+    let began = std::time::Instant::now();
+    drop(simulator);
+    assert!(folder.path().join("ended").exists());
+    assert!(began.elapsed() < Duration::from_secs(60));
+}

@@ -6,7 +6,9 @@ use crate::common;
 mod oscillator;
 
 use std::fmt::Write;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
+use std::process::{Child, Command, Stdio};
 
 use common::plid;
 use rand::{RngExt, SeedableRng};
@@ -94,6 +96,58 @@ fn a_failing_fmu_is_named() {
         let unsound = failure(version, 1).unwrap();
         assert!(unsound.contains("variable \"position\" is NaN"), "{unsound}");
     }
+}
+
+/// A server of an FMU whose temporary files are in a folder, once it has said what it serves.
+fn server(at: &Path, temporary: &Path) -> Child {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_plid"))
+        .current_dir(at)
+        .args(["gap", "serve-fmu", "oscillator2.fmu", "--rate", "100"])
+        .env("TMPDIR", temporary)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut hello = String::new();
+    BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut hello).unwrap();
+    assert!(hello.contains("\"protocol\""), "{hello}");
+    child
+}
+
+/// What a killed server has unpacked is removed by the next one, and what a running one needs is not.
+#[cfg(unix)]
+#[test]
+fn unpacked_fmus_are_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (at, temporary) = (folder.path(), folder.path().join("temporary"));
+    std::fs::create_dir(&temporary).unwrap();
+    if oscillator::built(at, 2).is_none() {
+        return;
+    }
+    let unpacked = || std::fs::read_dir(&temporary).unwrap().map(|entry| entry.unwrap().path()).collect::<Vec<_>>();
+    let mut killed = server(at, &temporary);
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    let [left] = &unpacked()[..] else { panic!("{:?}", unpacked()) };
+    assert!(left.join("modelDescription.xml").exists());
+
+    let mut first = server(at, &temporary);
+    let [used] = &unpacked()[..] else { panic!("{:?}", unpacked()) };
+    assert_ne!(used, left);
+    let mut second = server(at, &temporary);
+    assert!(unpacked().len() == 2 && used.join("modelDescription.xml").exists(), "{:?}", unpacked());
+    for server in [&mut first, &mut second] {
+        drop(server.stdin.take());
+        assert!(server.wait().unwrap().success());
+    }
+    assert!(unpacked().is_empty(), "{:?}", unpacked());
+
+    // The other commands end their servers before they end.
+    let check = ["gap", "check-simulator", "oscillator2.fmu", "--rate", "100", "--parameter", "mass"];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_plid"));
+    let output = command.current_dir(at).args(check).env("TMPDIR", &temporary).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(unpacked().is_empty(), "{:?}", unpacked());
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
-use std::process::{Child, ChildStdin, Stdio};
+use std::process::{Child, ChildStdin, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
@@ -18,8 +18,11 @@ const KEPT: usize = 65536;
 /// Number of lines of the log in a message.
 const LINES: usize = 8;
 
-/// Interval between two checks of a program that closed its pipes.
-const MOMENT: Duration = Duration::from_millis(20);
+/// Number of checks of a program whose pipes are closed: for a second.
+const CHECKS: usize = 200;
+
+/// Interval between two of them.
+const MOMENT: Duration = Duration::from_millis(5);
 
 /// Number of bytes that are written together. It is the capacity of a pipe, so that the progress of a program that
 /// reads slowly is noticed.
@@ -28,9 +31,10 @@ const TOGETHER: usize = 1 << 16;
 /// A running program.
 pub(super) struct Process {
     name: String,
-    child: Arc<Mutex<Child>>,
     input: ChildStdin,
     output: BufReader<Answers>,
+    /// Is dropped after the pipes, whose end tells the program to end.
+    child: Running,
     log: Arc<Mutex<VecDeque<u8>>>,
     logger: Option<thread::JoinHandle<()>>,
     watch: Arc<Watch>,
@@ -57,15 +61,15 @@ impl Process {
         let log = Arc::new(Mutex::new(VecDeque::new()));
         let kept = Arc::clone(&log);
         let logger = thread::spawn(move || keep(errors, &kept));
-        let child = Arc::new(Mutex::new(child));
-        let watched = Arc::clone(&child);
+        let child = Running(Arc::new(Mutex::new(child)));
+        let watched = Arc::clone(&child.0);
         let watch = Watch::over(patience, move || drop(locked(&watched).kill()));
         let answers = Answers::new(output, Arc::clone(&watch));
         Ok(Self {
             name: command.join(" "),
-            child,
             input,
             output: BufReader::with_capacity(1 << 16, answers),
+            child,
             log,
             logger: Some(logger),
             watch,
@@ -121,7 +125,7 @@ impl Process {
             let message = format!("it did not answer within {} s and was stopped", self.patience().as_secs_f64());
             return self.failed(message);
         }
-        let ended = Self::end(&self.child);
+        let ended = self.child.end();
         // The log is complete once the program has ended.
         if ended.is_some()
             && let Some(logger) = self.logger.take()
@@ -133,11 +137,22 @@ impl Process {
             None => self.failed(error.to_string()),
         }
     }
+}
 
-    /// Waits a moment for the end of a program that closed its pipes.
-    fn end(child: &Mutex<Child>) -> Option<std::process::ExitStatus> {
-        for _ in 0..50 {
-            if let Ok(Some(status)) = locked(child).try_wait() {
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.watch.end();
+    }
+}
+
+/// A program that does not outlive this value.
+struct Running(Arc<Mutex<Child>>);
+
+impl Running {
+    /// Waits a moment for the end of a program whose pipes are closed.
+    fn end(&self) -> Option<ExitStatus> {
+        for _ in 0..CHECKS {
+            if let Ok(Some(status)) = locked(&self.0).try_wait() {
                 return Some(status);
             }
             thread::sleep(MOMENT);
@@ -146,13 +161,14 @@ impl Process {
     }
 }
 
-impl Drop for Process {
-    /// Stops the program, so that it does not outlive this value.
+impl Drop for Running {
+    /// Lets the program end, so that it can remove what it has made, and stops one that goes on.
     fn drop(&mut self) {
-        self.watch.end();
-        let mut child = locked(&self.child);
-        child.kill().ok();
-        child.wait().ok();
+        if self.end().is_none() {
+            let mut child = locked(&self.0);
+            child.kill().ok();
+            child.wait().ok();
+        }
     }
 }
 
