@@ -279,3 +279,20 @@ fn a_step_of_another_size_is_named() {
     let message = fmu.run(&[2.0], &[vec![1.0; 20], vec![0.0; 20]]).unwrap_err().to_string();
     assert!(message.contains("its steps are fixed at 0.001 s, but 0.01 s were requested"), "{message}");
 }
+
+/// What a killed process has unpacked is removed when the next FMU is opened, and what a living one uses is not.
+#[test]
+fn unpacked_files_of_killed_processes_are_removed() {
+    let all = std::env::temp_dir();
+    let left = all.join(format!(".plid-fmu.killed-{}.plid-tmp", std::process::id()));
+    with_both(|file| {
+        let open = || Fmu::open(file, &options(&["mass"], false)).unwrap();
+        let living = plid_file::Scratch::new(&all, "plid-fmu").unwrap();
+        std::fs::create_dir(&left).unwrap();
+        let mut first = open();
+        assert!(!left.exists() && living.path().exists());
+        // A second one leaves the first one's files, too, where resources may still be read.
+        drop(open());
+        assert!(first.run(&[2.0], &[vec![1.0; 10]]).is_ok());
+    });
+}
