@@ -78,16 +78,6 @@ pub struct NamedEffect {
     pub shape_differs: bool,
 }
 
-/// How much more certain a family must be than the effect for an answer to name it.
-const SURER: f64 = 0.1;
-
-impl NamedEffect {
-    /// Returns its family, if that is clearly more certain than its own name.
-    pub fn surer_family(&self) -> Option<&Family> {
-        self.family.as_ref().filter(|family| family.confidence > self.confidence + SURER)
-    }
-}
-
 impl NamedEffect {
     /// Returns a line of text for each parameter, with its interval.
     pub fn lines(&self) -> String {

@@ -2,7 +2,7 @@
 
 use plid_report::Cell;
 
-use crate::answer::schema::{Gap, NamedEffect};
+use crate::answer::schema::{Family, Gap, NamedEffect};
 use crate::effects::Observation;
 use crate::judge::locate::Map;
 use crate::judge::verdict::Verdict;
@@ -110,10 +110,28 @@ impl Said<'_> {
         self.gap.as_given < self.settings.noise_only * self.gap.noise_floor || self.observed.iter().all(random)
     }
 
+    /// States an effect with its probability, or its family where that is clearly more certain: "dry friction at
+    /// input:u1 (94 % sure; coulomb-friction 55 %)".
+    fn sure(&self, effect: &NamedEffect) -> String {
+        let percent = |probability: f64| format!("{:.0} %", 100.0 * probability);
+        let surer = |family: &&Family| family.confidence > effect.confidence + self.settings.family_lead;
+        match effect.family.as_ref().filter(surer) {
+            Some(family) => format!(
+                "{} at {} ({} sure; {} {})",
+                family.name,
+                effect.location,
+                percent(family.confidence),
+                effect.effect,
+                percent(effect.confidence)
+            ),
+            None => format!("{} ({} sure)", listed(std::slice::from_ref(effect)), percent(effect.confidence)),
+        }
+    }
+
     /// Lists all effects, with the probability of the least certain one.
     fn all(&self) -> String {
         if let [only] = self.effects {
-            return sure(only);
+            return self.sure(only);
         }
         let sure = 100.0 * self.effects.iter().map(|e| e.confidence).fold(1.0, f64::min);
         format!("{} ({sure:.0} % sure)", listed(self.effects))
@@ -141,7 +159,7 @@ impl Said<'_> {
         let others = if others.is_empty() { String::new() } else { format!(", together with {}", listed(others)) };
         format!(
             "Mostly {}{others}: with {} the gap on held-out records{}, and {} of that is noise.{remains}",
-            sure(main),
+            self.sure(main),
             self.them(),
             course(self.gap.as_given, self.gap.with_effect).trim_start_matches("the gap"),
             percent(self.gap.noise_floor),
@@ -159,23 +177,6 @@ impl Said<'_> {
         };
         let course = course(gap.as_given, gap.with_effect);
         format!("{}: with {} {course} ({}).{rest}", self.all(), self.them(), self.noise())
-    }
-}
-
-/// States an effect with its probability, or its family where that is clearly more certain: "dry friction at input:u1
-/// (94 % sure; coulomb-friction 55 %)".
-fn sure(effect: &NamedEffect) -> String {
-    let percent = |probability: f64| format!("{:.0} %", 100.0 * probability);
-    match effect.surer_family() {
-        Some(family) => format!(
-            "{} at {} ({} sure; {} {})",
-            family.name,
-            effect.location,
-            percent(family.confidence),
-            effect.effect,
-            percent(effect.confidence)
-        ),
-        None => format!("{} ({} sure)", listed(std::slice::from_ref(effect)), percent(effect.confidence)),
     }
 }
 

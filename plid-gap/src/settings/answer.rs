@@ -16,5 +16,7 @@ group! {
         hidden_by_refit: f64 = 0.5, "1", 0.0..=1.0;
         /// Share of the gap from which one of the bands with most of it is listed.
         listed_band: f64 = 0.02, "1", 0.0..=1.0;
+        /// Probability by which a family must be more certain than the effect for sentences to name the family.
+        family_lead: f64 = 0.1, "1", 0.0..=1.0;
     }
 }
