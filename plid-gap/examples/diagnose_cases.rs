@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let case = Case::read(&folder.join("case.toml"))?;
         let mut say = |stage: String| {
             if verbose {
-                println!("    {stage}");
+                println!("    {:.1} s: {stage}", clock.elapsed().as_secs_f64());
             }
         };
         if as_simulator {

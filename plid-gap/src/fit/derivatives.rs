@@ -6,6 +6,7 @@
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
+use nalgebra::DMatrix;
 
 use crate::case::record::{Channels, Record};
 use crate::fit::nuisance::Nuisance;
@@ -63,18 +64,23 @@ impl Derivatives {
         }
     }
 
-    /// Adds the product of every derivative with some channels (p, from the first sample on) to `to`, by the numbers of
-    /// the parameters.
-    pub fn add_products(&self, channels: &[Vec<f64>], to: &mut [f64]) {
-        let length = channels[0].len();
+    /// Adds the products of every derivative with several sets of channels (p each, from the first sample on): a column
+    /// of `to` for each set, a row for each parameter.
+    pub fn add_products(&self, sets: &[Channels], to: &mut DMatrix<f64>) {
+        let Some(length) = sets.first().map(|channels| channels[0].len()) else { return };
         let all = self.signals.len() / self.samples;
         let signals = MatRef::from_column_major_slice(&self.signals, self.samples, all).subrows(0, length);
-        let channels = Mat::from_fn(length, channels.len(), |n, o| channels[o][n]);
+        // The signals are read once for all sets.
+        let channels: Vec<f64> = sets.iter().flatten().flatten().copied().collect();
+        let channels = MatRef::from_column_major_slice(&channels, length, channels.len() / length);
         let mut products = Mat::zeros(all, channels.ncols());
-        matmul(products.as_mut(), Accum::Replace, signals.transpose(), channels.as_ref(), 1.0, Par::Seq);
+        matmul(products.as_mut(), Accum::Replace, signals.transpose(), channels, 1.0, Par::Seq);
+        let p = sets[0].len();
         for column in &self.columns {
-            let product = |part: &Part| part.gain * products[(part.signal, part.output)];
-            to[column.parameter] += column.parts.iter().map(product).sum::<f64>();
+            for set in 0..sets.len() {
+                let product = |part: &Part| part.gain * products[(part.signal, set * p + part.output)];
+                to[(column.parameter, set)] += column.parts.iter().map(product).sum::<f64>();
+            }
         }
     }
 
@@ -402,8 +408,9 @@ mod tests {
         let found = nuisance.derivatives(&plant, None, &record, 0);
         assert_eq!(found.columns.len(), nuisance.len());
         let channels = testing::random_input(4, 700, 2);
-        let mut products = vec![0.0; nuisance.len()];
-        found.add_products(&channels, &mut products);
+        let mut products = DMatrix::zeros(nuisance.len(), 2);
+        let other = testing::random_input(5, 700, 2);
+        found.add_products(&[other, channels.clone()], &mut products);
         let mut derivative = vec![vec![0.0; 800]; 2];
         for column in &found.columns {
             const STEP: f64 = 1e-5;
@@ -421,7 +428,7 @@ mod tests {
                 product += channels[o].iter().zip(&derivative[o]).map(|(a, b)| a * b).sum::<f64>();
             }
             assert!(error < 1e-4 * size + 1e-18, "{:?}: {}", nuisance.entry(column.parameter), (error / size).sqrt());
-            assert!((products[column.parameter] - product).abs() < 1e-9 * size.sqrt());
+            assert!((products[(column.parameter, 1)] - product).abs() < 1e-9 * size.sqrt());
         }
     }
 }

@@ -6,9 +6,9 @@ use std::convert::Infallible;
 use nalgebra::{DMatrix, DVector};
 use plid_lsq::{Damping, Ended, Equations, Minimum, Normal, Stop, minimise};
 
-use crate::fit::jacobian::Jacobian;
+use crate::fit::jacobian::{Columns, Jacobian};
 use crate::fit::problem::{Placed, Problem, sum_of_squares};
-use crate::fit::scale::{Scale, stepped};
+use crate::fit::scale::{Scale, far_apart, stepped};
 use crate::plant::Plant;
 use crate::simulate::Fineness;
 
@@ -58,6 +58,10 @@ const FAR: usize = 40;
 /// Largest number of times that a fit is repeated from zero: each repetition ends nearer the minimum.
 const RESTARTS: usize = 4;
 
+/// Gain of such a repetition below which there is no further one: it moves the parameters by much less than their
+/// standard deviations.
+const REPEATED: f64 = 2.0;
+
 /// A fit that is repeated from zero.
 const ANEW: Effort = Effort { steps: 12, gain: 0.1, fineness: Fineness::FINE };
 
@@ -78,6 +82,10 @@ const DAMPING_LINEAR: Damping = Damping { shrink: 0.0, least: UNDAMPED, tries: 7
 /// Number of steps after which derivatives that depend on the effects are computed again: a plant changes little in
 /// three.
 const RENEWED: usize = 3;
+
+/// Change of an effect's parameter, in its unit steps, up to which the derivatives by the effects' parameters are used
+/// again. Each takes a run of all records.
+const REUSED: f64 = 0.02;
 
 /// The source of the derivatives by the linear parameters.
 enum Derivatives<'p> {
@@ -105,6 +113,8 @@ pub(super) struct Search<'p, 'a> {
     steps: usize,
     /// The effects at the last linearisation.
     linearised: Vec<Placed<'a>>,
+    /// The last derivatives by the effects' parameters, and the effects to which they belong.
+    columns: Option<(Columns, Vec<Placed<'a>>)>,
 }
 
 /// A linear model with effects, and its residual.
@@ -153,10 +163,33 @@ impl<'p, 'a> Search<'p, 'a> {
         found
     }
 
-    /// Returns whether the last derivatives belong to an earlier point than the last linearisation.
+    /// Returns whether some of the last derivatives belong to an earlier point than the last linearisation.
     fn is_stale(&self) -> bool {
-        matches!(self.derivatives, Derivatives::WithEffects) && !(self.steps - 1).is_multiple_of(RENEWED)
+        let by_effects = self.columns.as_ref().is_some_and(|(_, at)| !all_equal(at, &self.linearised));
+        by_effects || matches!(self.derivatives, Derivatives::WithEffects) && !(self.steps - 1).is_multiple_of(RENEWED)
     }
+
+    /// Renews the residual, and the derivatives by the effects' parameters if these have moved. Returns whether the
+    /// derivatives are the same as before. Where all derivatives are those of the simulation with its effects, they are
+    /// always those at this point.
+    fn renew_columns(&mut self, at: &Point<'a>) -> bool {
+        let Point { eta, effects, plant, residual, .. } = at;
+        let near = |of: &[Placed]| far_apart(of, effects, &self.scales) <= REUSED;
+        let exact = matches!(self.derivatives, Derivatives::WithEffects) || self.steps == 0;
+        if let Some((columns, _)) = self.columns.as_mut().filter(|(_, of)| !exact && near(of)) {
+            columns.set_residual(residual);
+            return true;
+        }
+        let (problem, fineness) = (self.problem, self.effort.fineness);
+        let columns = problem.effect_columns(plant, eta, effects, residual, &self.scales, fineness);
+        self.columns = Some((columns, effects.clone()));
+        false
+    }
+}
+
+/// Returns whether all parameters of two lists of the same effects are equal.
+fn all_equal(a: &[Placed], b: &[Placed]) -> bool {
+    a.iter().zip(b).all(|(a, b)| a.parameters == b.parameters)
 }
 
 impl<'a> plid_lsq::Problem for Search<'_, 'a> {
@@ -170,8 +203,9 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
     }
 
     fn linearise(&mut self, at: &Point<'a>, equations: &mut PartlyLinear) -> Result<(), Infallible> {
-        let Point { eta, effects, plant, residual, .. } = at;
+        let Point { eta, effects, plant, .. } = at;
         let problem = self.problem;
+        let mut same = self.renew_columns(at);
         let jacobian = match self.derivatives {
             Derivatives::Given(given) => given,
             Derivatives::Renewed(given) => {
@@ -179,10 +213,14 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
                     && let Some(changed) = problem.changed(plant, effects)
                 {
                     self.own = Some(problem.jacobian(&changed));
+                    same = false;
                 }
                 self.own.as_ref().unwrap_or(given)
             }
-            Derivatives::Current => self.own.insert(problem.jacobian(plant)),
+            Derivatives::Current => {
+                same = false;
+                self.own.insert(problem.jacobian(plant))
+            }
             Derivatives::WithEffects => {
                 // A load and the poles that it moves may look alike to the last digit. Derivatives of which only some
                 // are current would part them.
@@ -192,8 +230,12 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
                 self.own.as_ref().expect("the first step computes them")
             }
         };
-        let columns = problem.effect_columns(plant, eta, effects, residual, &self.scales, self.effort.fineness);
-        problem.assemble(jacobian, &columns, eta, &mut equations.normal);
+        let (columns, _) = self.columns.as_ref().expect("just computed");
+        if same {
+            problem.assemble_right(jacobian, columns, eta, &mut equations.normal);
+        } else {
+            problem.assemble(jacobian, columns, eta, &mut equations.normal);
+        }
         self.steps += 1;
         self.linearised.clone_from(effects);
         Ok(())
@@ -239,10 +281,13 @@ impl Problem {
             eta[..self.nuisance.of_simulation()].fill(0.0);
             let jacobian = jacobian.get_or_init(|| self.jacobian(&self.plant));
             let anew = self.last_steps(&self.fit(jacobian, &eta, &settled.effects, ANEW));
-            if anew.cost > settled.cost - ANEW.gain {
+            let gain = settled.cost - anew.cost;
+            if gain > ANEW.gain {
+                settled = anew;
+            }
+            if gain < REPEATED {
                 break;
             }
-            settled = anew;
         }
         settled
     }
@@ -287,7 +332,7 @@ impl Problem {
 
     fn search<'p, 'a>(&'p self, derivatives: Derivatives<'p>, damping: Damping, effort: Effort) -> Search<'p, 'a> {
         let (scales, linearised) = (Vec::new(), Vec::new());
-        Search { problem: self, derivatives, damping, effort, scales, own: None, steps: 0, linearised }
+        Search { problem: self, derivatives, damping, effort, scales, own: None, steps: 0, linearised, columns: None }
     }
 
     fn fitted<'a>(&self, derivatives: Derivatives<'_>, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {

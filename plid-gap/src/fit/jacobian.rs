@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use plid_lsq::Normal;
 use rayon::prelude::*;
 
-use crate::case::record::Record;
+use crate::case::record::{Channels, Record};
 use crate::fit::derivatives::Derivatives;
 use crate::fit::descent::{Fit, Point};
 use crate::fit::problem::{Placed, Problem};
@@ -71,11 +71,12 @@ impl Jacobian {
                 }
                 Kept::Values(_) => unreachable!("their product is formed above"),
             };
-            for j in 0..v.ncols() {
+            let channels = |j: usize| {
                 let white = v.col(j).try_as_col_major().expect("columns are contiguous").as_slice();
-                let channels = problem.whiteners[index].adjoint(&white[problem.rows_of(index)]);
-                derivatives.add_products(&channels, products.column_mut(j).as_mut_slice());
-            }
+                problem.whiteners[index].adjoint(&white[problem.rows_of(index)])
+            };
+            let all: Vec<Channels> = (0..v.ncols()).into_par_iter().map(channels).collect();
+            derivatives.add_products(&all, &mut products);
         }
         products
     }
@@ -107,6 +108,12 @@ pub(super) struct Columns {
 impl Columns {
     pub(super) fn matrix(&self) -> MatRef<'_, f64> {
         MatRef::from_column_major_slice(&self.values, self.rows, self.values.len() / self.rows)
+    }
+
+    /// Replaces the residual.
+    pub(super) fn set_residual(&mut self, residual: &[f64]) {
+        let start = self.values.len() - self.rows;
+        self.values[start..].copy_from_slice(residual);
     }
 }
 
@@ -221,8 +228,22 @@ impl Problem {
         to.matrix.view_mut((0, n), (n, k)).copy_from(&across.columns(0, k));
         to.matrix.view_mut((n, 0), (k, n)).copy_from(&across.columns(0, k).transpose());
         to.matrix.view_mut((n, n), (k, k)).copy_from(&own.columns(0, k));
-        to.right.rows_mut(0, n).copy_from(&across.column(k));
-        to.right.rows_mut(n, k).copy_from(&own.column(k));
+        self.set_right(&across.column(k).into_owned(), &own.column(k).into_owned(), eta, to);
+    }
+
+    /// Renews the right-hand side of the normal equations, for a new residual and the same derivatives.
+    pub(super) fn assemble_right(&self, jacobian: &Jacobian, columns: &Columns, eta: &[f64], to: &mut Normal) {
+        let all = columns.matrix();
+        let k = all.ncols() - 1;
+        let (across, own) = (jacobian.cross(self, all.subcols(k, 1)), product(all.subcols(0, k), all.subcols(k, 1)));
+        self.set_right(&across.column(0).into_owned(), &own.column(0).into_owned(), eta, to);
+    }
+
+    /// Sets the right-hand side from the products of the residual with the derivatives, and the prior.
+    fn set_right(&self, across: &DVector<f64>, own: &DVector<f64>, eta: &[f64], to: &mut Normal) {
+        let n = across.len();
+        to.right.rows_mut(0, n).copy_from(across);
+        to.right.rows_mut(n, own.len()).copy_from(own);
         for (i, std) in self.nuisance.std.iter().enumerate() {
             to.right[i] -= eta[i] / std.powi(2);
         }

@@ -35,6 +35,11 @@ impl Scale {
         }
     }
 
+    /// Returns the step between two values, to first order.
+    fn step(self, from: f64, to: f64) -> f64 {
+        (to - from) / self.slope(from)
+    }
+
     /// Returns the derivative of the parameter by the step.
     pub(super) fn slope(self, value: f64) -> f64 {
         match self {
@@ -52,6 +57,13 @@ pub(super) fn stepped<'a>(effects: &[Placed<'a>], step: &[f64], scales: &[Scale]
         *value = scale.moved(*value, *step);
     }
     stepped
+}
+
+/// Returns the largest step between two lists of the same effects; infinite where a parameter cannot step.
+pub(super) fn far_apart(from: &[Placed], to: &[Placed], scales: &[Scale]) -> f64 {
+    let values = |effects: &[Placed]| effects.iter().flat_map(|placed| placed.parameters.clone()).collect::<Vec<f64>>();
+    let steps = values(from).into_iter().zip(values(to)).zip(scales).map(|((from, to), scale)| scale.step(from, to));
+    steps.fold(0.0, |most, step| if step.is_nan() { f64::INFINITY } else { most.max(step.abs()) })
 }
 
 impl Problem {
