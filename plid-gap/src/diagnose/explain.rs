@@ -15,10 +15,12 @@ use crate::judge::verdict::{Adequacy, FitFigures, adequacy, least_unknown, outsi
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
 use crate::search::course::not_of_time;
+use crate::search::linear_cause;
 use crate::search::modal::dominant;
 use crate::search::rules::{Rules, Scope};
 use crate::search::shape::{FreeShapeFit, fewer, free_shape, renamed};
-use crate::search::stepwise::{Search, SearchStage, polish, search, straighten};
+use crate::search::stage::{SearchStage, polish};
+use crate::search::stepwise::{Search, search, straighten};
 use crate::search::windows::Windows;
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
@@ -106,7 +108,7 @@ fn passes<'a>(
             }
             None => {
                 let mut explained = searched.judged(ready, refitted, scope, say);
-                match admit_error(&mut explained) {
+                match admit_error(&mut explained, scope) {
                     Some((admitted, before)) => {
                         say(admitted);
                         exact = Some(before);
@@ -339,7 +341,7 @@ impl Judging<'_> {
 
 /// Counts the residual as an error of the simulation itself if no explanation leaves only noise. Returns a description
 /// if that is new, and what was prepared before.
-fn admit_error(explained: &mut Explained) -> Option<(String, Prepared)> {
+fn admit_error<'a>(explained: &mut Explained<'a>, scope: &Scope<'_, 'a>) -> Option<(String, Prepared)> {
     if explained.ready.widened.is_some()
         || explained.judged.unknown < explained.ready.problem.settings.search.inadequate
     {
@@ -354,12 +356,18 @@ fn admit_error(explained: &mut Explained) -> Option<(String, Prepared)> {
     let refitted = refit(&explained.ready.problem, STEPS);
     let mut scale = explained.ready.needed(&refitted.eta, &refitted);
     // One cause moves most of a few parameters. How far the simulation is off shows only with the cause in place.
-    if explained.ready.problem.few() && !fit.effects.is_empty() {
-        let with = polish(&explained.ready.problem, fit);
-        if with.cost < refitted.cost {
-            scale = scale.min(explained.ready.needed(&with.eta, &refitted));
-        }
+    let problem = &explained.ready.problem;
+    let mut with: Vec<Fit> = Vec::new();
+    if problem.few() && !fit.effects.is_empty() {
+        with.extend(Some(polish(problem, fit)).filter(|with| with.cost < refitted.cost));
     }
+    let mut wide = explained.ready.clone();
+    wide.widen(scale);
+    let spread = refit(&wide.problem, STEPS);
+    let absorbed = linear_cause::fits(&wide.problem, &spread.as_fit(), &spread.jacobian, scope);
+    with.extend(absorbed.into_iter().filter(|with| with.cost < spread.cost - scope.settings.absorbed_gain));
+    let needed = with.iter().map(|with| explained.ready.needed(&with.eta, &refitted));
+    scale = needed.fold(scale, f64::min);
     explained.ready.widen(scale);
     let said = format!(
         "no explanation leaves only noise: repeated with the residual as an error of the simulation and limits \

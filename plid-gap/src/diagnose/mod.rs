@@ -16,7 +16,7 @@ use crate::error::GapError;
 use crate::fit::refit::{self, Refit, refit};
 use crate::prepare::{Prepared, prepare};
 use crate::search::rules::{Rules, require_names};
-use crate::search::stepwise::SearchStage;
+use crate::search::stage::SearchStage;
 use crate::search::stochastic::stochastic_effects;
 use crate::settings::step::Step;
 

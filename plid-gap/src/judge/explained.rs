@@ -10,7 +10,8 @@ use crate::judge::shrink::{blocks, opened};
 use crate::judge::verdict::Adequacy;
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::shape::FreeShapeFit;
-use crate::search::stepwise::{Search, polish};
+use crate::search::stage::polish;
+use crate::search::stepwise::Search;
 use crate::settings::JudgeSettings;
 
 /// The result of the search and its adequacy.

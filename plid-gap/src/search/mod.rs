@@ -3,12 +3,16 @@
 
 pub(crate) mod closest_law;
 pub(crate) mod course;
+pub(crate) mod linear_cause;
 pub(crate) mod modal;
 pub(crate) mod overlap;
 pub(crate) mod ports;
+mod price;
+mod reconsider;
 pub(crate) mod rules;
 pub(crate) mod screen;
 pub(crate) mod shape;
+pub(crate) mod stage;
 pub(crate) mod stepwise;
 pub(crate) mod stochastic;
 pub(crate) mod windows;

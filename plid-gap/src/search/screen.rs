@@ -83,10 +83,10 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
 }
 
 /// An effect with the parameters of a run.
-struct Tried<'a> {
-    placed: Placed<'a>,
+pub(super) struct Tried<'a> {
+    pub placed: Placed<'a>,
     /// Whether the trace is scaled to its best size; otherwise the size counts as it is.
-    scaled: bool,
+    pub scaled: bool,
 }
 
 /// Returns what is tried of an effect at a location: each start of its shape, and several sizes of a bold one.
@@ -187,7 +187,7 @@ pub fn traces(base: &Base, entries: &[Entry]) -> Vec<Vec<f64>> {
 
 /// The runs from which the screen starts. They are as coarse as those of the entries, so that the errors of the
 /// discretisation cancel.
-struct Now {
+pub(super) struct Now {
     /// Outputs of all records before the effects on the sensors.
     before_sensors: Vec<Channels>,
     /// The whitened residual.
@@ -195,7 +195,7 @@ struct Now {
 }
 
 impl Now {
-    fn new(base: &Base) -> Self {
+    pub fn new(base: &Base) -> Self {
         let actions = vec![base.problem.actions(base.effects)];
         let before_sensors = base.problem.before_sensors(base.plant, base.eta, &actions, Fineness::COARSE);
         let residual = base.problem.residual_from(before_sensors.iter().cloned(), &actions[0]);
@@ -203,7 +203,7 @@ impl Now {
     }
 
     /// Returns the changes of the whitened outputs by further effects. One on the sensors needs no run.
-    fn added(&self, base: &Base, tried: &[Tried]) -> Vec<Vec<f64>> {
+    pub fn added(&self, base: &Base, tried: &[Tried]) -> Vec<Vec<f64>> {
         let problem = base.problem;
         let of_sensors = |action: &Action| matches!(action, Action::Sensor(_) | Action::Noise);
         let more = |tried: &Tried| problem.actions(std::slice::from_ref(&tried.placed));

@@ -1,22 +1,23 @@
 //! The stepwise search: screen, fits of the best entries, acceptance; after each effect all effects are reconsidered.
 
 use std::cell::OnceCell;
-use std::f64::consts::TAU;
 
-use rayon::prelude::*;
-
-use crate::effects::{Effect, Names, Range};
+use crate::effects::{Names, Side};
 use crate::fit::candidate::{Candidate, all_same, in_words, same};
-use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem, sum_of_squares};
-use crate::fit::refit::{Refit, clipped};
+use crate::fit::problem::{Fit, Placed, Problem};
+use crate::fit::refit::Refit;
 use crate::noise::NoiseModel;
+use crate::search::course::not_of_time;
+use crate::search::linear_cause;
 use crate::search::overlap::{Overlap, of_screen};
 use crate::search::ports::fit_ports;
+use crate::search::price::{Price, imitates, material};
+use crate::search::reconsider::{Latest, question, refined};
 use crate::search::rules::Scope;
-use crate::search::screen::{Base, Entry, screen};
+use crate::search::screen::Entry;
+use crate::search::stage::{SearchStage, on_whole, polish};
 use crate::search::windows::follows;
 use crate::settings::step::Step;
-use crate::simulate::Fineness;
 
 /// The result of the search.
 pub struct Search<'a> {
@@ -63,15 +64,6 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Quick fits of the search.
-const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
-
-/// Fits of the windows' initial states.
-const BEGIN: Effort = Effort { steps: 3, gain: 1.0, fineness: Fineness::COARSE };
-
-/// Fits of the result.
-const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
-
 /// Searches for up to `most_effects` effects: on `quick` (the first samples of the records), then with the best few on
 /// `problem`. If `quick` holds `windows`, it gets the first samples again, weighed by this noise, as soon as an
 /// explanation follows them: the windows' initial states hide what is left. `first` is the first stage; it is filled if
@@ -90,24 +82,31 @@ pub fn search<'a>(
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
     let mut overlap = None;
+    // What each effect of the best explanation gained when it was added.
+    let mut gains = Vec::new();
     // One effect may imitate two others better than each of these does alone.
     let mut runners_up: Vec<Fit> = Vec::new();
-    for stage in 0..settings.most_effects {
+    if let Some(top) = start(problem, refit, &price, &mut candidates, say) {
+        best = top;
+        // What speaks for it is how it changes the linear parameters, which the gains of other effects do not show.
+        gains.push(f64::INFINITY);
+    }
+    for stage in best.effects.len()..settings.most_effects {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.admits(placed);
-        let new = || SearchStage::new(problem, quick, &best, &there, &price, [settings.fitted, settings.polished]);
+        let counts = [settings.fitted, settings.polished];
+        let new = || SearchStage::new(problem, quick, &best, None, &there, &price, counts);
         let own = OnceCell::new();
         let searched = if stage == 0 { first } else { &own }.get_or_init(new);
-        let (entries, mut fits) = searched.without(problem, quick, &there, &price);
+        let (entries, mut fits) = standing(searched, [problem, quick], refit, &best, &there, &price, say);
         if stage == 0 {
             overlap = of_screen(&searched.from.base(quick, scope.bold), &entries[..entries.len().min(settings.fitted)]);
         }
-        say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
         for start in std::mem::take(&mut runners_up) {
             fits.extend(after(problem, quick, &start, &price, say));
         }
-        let tried: Vec<Candidate> = fits.iter().map(|fit| price.candidate(fit)).collect();
         fits.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
+        let tried: Vec<Candidate> = fits.iter().map(|fit| price.candidate(fit)).collect();
         let mut ranked = fits.into_iter();
         let Some(top) = ranked.next() else { break };
         if stage == 0 && problem.few() && imitates(&top, &price) {
@@ -126,12 +125,9 @@ pub fn search<'a>(
         if !accepted {
             break;
         }
-        best = if scope.skips(Step::PortScales) { top } else { fit_ports(problem, quick, top) };
-        // With other scales of the ports it explains more than when it was entered.
-        candidates.push(price.candidate(&best));
-        if best.effects.len() > 1 && !scope.skips(Step::Questioning) {
-            best = question(problem, quick, best, &price, &mut candidates);
-        }
+        gains.truncate(top.effects.len() - 1);
+        gains.resize(top.effects.len(), gain);
+        best = completed(problem, quick, top, &mut gains, &price, &mut candidates);
         if let Some(head) = windows.and_then(|noise| followed(problem, &best, noise)) {
             *quick = head;
             windows = None;
@@ -148,9 +144,80 @@ pub fn search<'a>(
     Search { best, candidates, stages, overlap }
 }
 
-/// Returns whether an explanation leaves so much beyond the noise that it may only imitate the cause.
-fn imitates(fit: &Fit, price: &Price) -> bool {
-    sum_of_squares(&fit.residual) > price.scope.settings.imitation_left * price.rows
+/// Fits the ports' scales with an explanation to which an effect was added, and reconsiders its effects. `gains` are
+/// those of the effects, the last of which was added.
+fn completed<'a>(
+    problem: &mut Problem,
+    quick: &mut Problem,
+    top: Fit<'a>,
+    gains: &mut Vec<f64>,
+    price: &Price<'_, 'a>,
+    candidates: &mut Vec<Candidate<'a>>,
+) -> Fit<'a> {
+    let (scope, entered) = (price.scope, top.cost);
+    let best = if scope.skips(Step::PortScales) { top } else { fit_ports(problem, quick, top) };
+    // With other scales of the ports it explains more than when it was entered.
+    candidates.push(price.candidate(&best));
+    if best.effects.len() < 2 || scope.skips(Step::Questioning) {
+        return best;
+    }
+    let latest = Latest { gain: gains[gains.len() - 1], scaled: best.cost < entered };
+    question(problem, quick, best, &latest, gains, price, candidates)
+}
+
+/// Returns the fit of a linear cause that a refit has spread over its parameters, if the simulation is imperfect and the
+/// cause gains enough.
+fn start<'a>(
+    problem: &Problem,
+    refit: &Refit,
+    price: &Price<'_, 'a>,
+    candidates: &mut Vec<Candidate<'a>>,
+    say: &mut dyn FnMut(String),
+) -> Option<Fit<'a>> {
+    if !price.scope.imperfect {
+        return None;
+    }
+    let fits = linear_cause::fits(problem, &refit.as_fit(), &refit.jacobian, price.scope);
+    let tried: Vec<Candidate> = fits.iter().map(|fit| price.candidate(fit)).collect();
+    let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)))?;
+    let gain = refit.cost - price.of(&top);
+    if gain < price.scope.settings.accept_gain {
+        return None;
+    }
+    candidates.extend(tried);
+    let words = in_words(&top.effects, &problem.setting.names);
+    say(format!("{words} accounts for what the refit has spread over many parameters ({gain:.0})"));
+    Some(top)
+}
+
+/// Returns the entries and fits of a stage. If the best of them adds a change over time that does not change within the
+/// records, it is set aside, and the others are fitted in its place. With further effects in the explanation it may
+/// turn out to change, so a later stage tries it again.
+fn standing<'a>(
+    searched: &SearchStage<'a>,
+    [problem, quick]: [&Problem; 2],
+    refit: &Refit,
+    best: &Fit<'a>,
+    there: &dyn Fn(&Placed) -> bool,
+    price: &Price<'_, 'a>,
+    say: &mut dyn FnMut(String),
+) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
+    let mut aside: Vec<Placed> = Vec::new();
+    loop {
+        let left_out = |placed: &Placed| there(placed) || aside.iter().any(|other| same(other, placed));
+        let (entries, fits) = searched.without(problem, quick, &left_out, price);
+        say(progress(best.effects.len() + 1, &entries, &fits, price, &problem.setting.names));
+        let top = fits.iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
+        let gains = |fit: &&Fit| price.of(best) - price.of(fit) > price.scope.settings.accept_gain;
+        let last = top.filter(gains).and_then(|fit| Some((fit, fit.effects.last()?)));
+        let of_time = last.filter(|(_, last)| last.effect.side() == Side::Time);
+        let Some((found, last)) = of_time.and_then(|(fit, last)| Some((not_of_time(problem, refit, fit)?, last)))
+        else {
+            return (entries, fits);
+        };
+        say(format!("{} does not change within the records: set aside", found.words));
+        aside.push(last.clone());
+    }
 }
 
 /// Returns the fits of a stage that starts from this explanation.
@@ -163,7 +230,8 @@ fn after<'a>(
 ) -> Vec<Fit<'a>> {
     let settings = &price.scope.settings;
     let there = |placed: &Placed| start.effects.iter().any(|other| same(other, placed)) || !price.scope.admits(placed);
-    let searched = SearchStage::new(problem, quick, start, &there, price, [settings.fitted / 2, settings.polished / 2]);
+    let counts = [settings.fitted / 2, settings.polished / 2];
+    let searched = SearchStage::new(problem, quick, start, None, &there, price, counts);
     let (entries, fits) = searched.without(problem, quick, &there, price);
     let names = &problem.setting.names;
     say(format!("with {}, {}", in_words(&start.effects, names), progress(2, &entries, &fits, price, names)));
@@ -227,8 +295,12 @@ pub fn straighten<'a>(
         let there = |placed: &Placed| {
             !placed.effect.is_number() || best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed)
         };
-        let searched = SearchStage::new(problem, quick, best, &there, &price, [settings.fitted, settings.polished]);
-        let (entries, fits) = searched.without(problem, quick, &there, &price);
+        // The model is linear in these parameters, so the quick fits rank them well.
+        let counts = [settings.fitted / 2, settings.polished / 2];
+        let searched = SearchStage::new(problem, quick, best, None, &there, &price, counts);
+        let (entries, mut fits) = searched.without(problem, quick, &there, &price);
+        let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &best.eta));
+        fits.extend(linear_cause::fits(problem, best, &jacobian, scope));
         say(progress(best.effects.len() + 1, &entries, &fits, &price, &problem.setting.names));
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { return };
         let straightened = problem.penalty(&best.eta) - problem.penalty(&top.eta);
@@ -253,317 +325,4 @@ fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names:
     };
     let first = entries.iter().take(6).map(entry).collect::<Vec<_>>().join(", ");
     format!("stage {stage}: {} entries of the screen, the first: {first}; priced fits: {fits}", entries.len())
-}
-
-/// Returns whether a further effect explains enough: of the residual, or of the changes of the linear parameters.
-fn material(problem: &Problem, scope: &Scope, before: &Fit, after: &Fit) -> bool {
-    let (search, rows) = (&problem.settings.search, problem.rows() as f64);
-    let left = |fit: &Fit| sum_of_squares(&fit.residual);
-    let explained = left(before) - left(after);
-    // If less is left than the noise that is assumed, the records do not show how much of it is noise. Nor do they if
-    // an earlier residual is assumed: a further effect at the same place may then only correct the first one's law.
-    let corrects =
-        after.effects.split_last().is_some_and(|(last, others)| others.iter().any(|e| e.place == last.place));
-    let unknown = scope.imperfect && corrects || left(before) < search.overstated * rows;
-    let excess = if unknown { left(before) } else { left(before) - rows };
-    let share = explained / excess.max(search.material_power * rows);
-    let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
-    let visible =
-        explained > search.material_power * rows && (before.effects.is_empty() || share > search.further_share);
-    visible || (straightened > search.straightened_penalty && explained > -search.straightened_penalty)
-}
-
-/// One stage of the search: the screen for a further effect, quick fits of its first entries, and whole fits of the
-/// best of these. No entry and no fit depends on which other entries there are, so a search that knows fewer effects
-/// can use the same ones.
-pub struct SearchStage<'a> {
-    from: Start<'a>,
-    entries: Vec<Entry<'a>>,
-    /// Number of entries that are fitted, and number of these that are fitted to whole records.
-    counts: [usize; 2],
-    /// Fits to the first samples by number of the entry; `None` if the fit is not sound.
-    quick: Numbered<'a>,
-    /// Fits to whole records.
-    whole: Numbered<'a>,
-}
-
-type Numbered<'a> = Vec<(usize, Option<Fit<'a>>)>;
-
-impl<'a> SearchStage<'a> {
-    fn new(
-        problem: &Problem,
-        quick: &Problem,
-        so_far: &Fit<'a>,
-        there: &(dyn Fn(&Placed) -> bool + Sync),
-        price: &Price<'_, 'a>,
-        counts: [usize; 2],
-    ) -> Self {
-        let from = Start::new(quick, so_far, &price.scope.off);
-        let entries = screen(&from.base(quick, price.scope.bold), price.scope.library, there);
-        let mut searched = Self { from, entries, counts, quick: Vec::new(), whole: Vec::new() };
-        let all: Vec<usize> = (0..searched.entries.len()).collect();
-        (searched.quick, searched.whole) = searched.fits(problem, quick, &all, price);
-        searched
-    }
-
-    /// Adds entries and whole fits of effects that are neither present nor left out.
-    fn without(
-        &self,
-        problem: &Problem,
-        quick: &Problem,
-        there: &dyn Fn(&Placed) -> bool,
-        price: &Price,
-    ) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
-        let kept: Vec<usize> = (0..self.entries.len()).filter(|&k| !there(&self.entries[k].placed)).collect();
-        let (_, whole) = self.fits(problem, quick, &kept, price);
-        let entries = kept.into_iter().map(|k| self.entries[k].clone()).collect();
-        (entries, whole.into_iter().filter_map(|(_, fit)| fit).collect())
-    }
-
-    /// Fits the first of these entries to the first samples and to whole records. Known fits are not repeated.
-    fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
-        let [fitted, polished] = self.counts;
-        let heads: Numbered<'a> = at[..at.len().min(fitted)]
-            .par_iter()
-            .filter(|&&k| self.entries[k].gain > 0.0)
-            .map(|&k| {
-                let new = || {
-                    let mut all = self.from.effects.clone();
-                    all.push(self.entries[k].placed.clone());
-                    whether_sound(quick, self.from.fitted(quick, &all))
-                };
-                (k, known(&self.quick, k).cloned().unwrap_or_else(new))
-            })
-            .collect();
-        let heads = self.further(quick, heads, 2 * polished, price);
-        let mut best = ranked(&heads, price);
-        best.truncate(polished);
-        let gain = |fit: &Fit| self.from.cost - price.of(fit);
-        let most = best.first().map_or(0.0, |&(_, fit)| gain(fit));
-        let trailing = price.scope.settings.trailing_gain.max(price.scope.settings.trailing_share * most);
-        best.retain(|(_, fit)| most - gain(fit) < trailing);
-        let whole = best
-            .into_par_iter()
-            .map(|(k, fit)| {
-                let new = || whether_sound(problem, on_whole(problem, fit.clone(), &price.scope.off));
-                (k, known(&self.whole, k).cloned().unwrap_or_else(new))
-            })
-            .collect();
-        (heads, whole)
-    }
-
-    /// Continues the best quick fits that have not yet reached their minimum, if the linear parameters are few.
-    fn further(&self, quick: &Problem, heads: Numbered<'a>, most: usize, price: &Price) -> Numbered<'a> {
-        if !quick.few() {
-            return heads;
-        }
-        let first: Vec<usize> = ranked(&heads, price).into_iter().take(most).map(|(k, _)| k).collect();
-        let continued = |(k, fit): (usize, Option<Fit<'a>>)| match fit {
-            Some(fit) if !fit.converged && first.contains(&k) && known(&self.quick, k).is_none() => {
-                let fit = quick.fit(&self.from.jacobian, &fit.eta, &fit.effects, quick.far(QUICK));
-                (k, whether_sound(quick, fit))
-            }
-            fit => (k, fit),
-        };
-        heads.into_par_iter().map(continued).collect()
-    }
-}
-
-/// Returns the fit of an entry, if there is one.
-fn known<'f, 'a>(fits: &'f Numbered<'a>, k: usize) -> Option<&'f Option<Fit<'a>>> {
-    fits.iter().find(|(n, _)| *n == k).map(|(_, fit)| fit)
-}
-
-/// Returns the fits with their numbers, the best first.
-fn ranked<'f, 'a>(fits: &'f Numbered<'a>, price: &Price) -> Vec<(usize, &'f Fit<'a>)> {
-    let mut best: Vec<(usize, &Fit<'a>)> = fits.iter().filter_map(|(k, fit)| Some((*k, fit.as_ref()?))).collect();
-    best.sort_by(|a, b| price.of(a.1).total_cmp(&price.of(b.1)));
-    best
-}
-
-/// Returns the fit if its cost is finite and its parameters still mean what the effects' names say.
-fn whether_sound<'a>(problem: &Problem, fit: Fit<'a>) -> Option<Fit<'a>> {
-    (fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).then_some(fit)
-}
-
-/// The price of parameters and choices, and the options of a stage.
-struct Price<'p, 'a> {
-    rows: f64,
-    scope: &'p Scope<'p, 'a>,
-}
-
-impl<'a> Price<'_, 'a> {
-    fn of(&self, fit: &Fit) -> f64 {
-        let settings = &self.scope.settings;
-        let one = |placed: &Placed| {
-            let own = if placed.effect.is_in_refit() {
-                settings.release_price
-            } else {
-                settings.choice_price + placed.parameters.len() as f64 * self.rows.ln()
-            };
-            own - self.scope.bonus(placed)
-        };
-        fit.cost + fit.effects.iter().map(one).sum::<f64>()
-    }
-
-    fn candidate(&self, fit: &Fit<'a>) -> Candidate<'a> {
-        Candidate { effects: fit.effects.clone(), cost: fit.cost, priced: self.of(fit) }
-    }
-}
-
-/// A linear model from which a stage starts. Parameters far outside their prior are brought back, because they may be
-/// the trace of an effect. With an effect in place, few parameters are left where they are: accurate derivatives lead
-/// them back.
-struct Start<'a> {
-    effects: Vec<Placed<'a>>,
-    eta: Vec<f64>,
-    plant: crate::plant::Plant,
-    jacobian: Jacobian,
-    residual: Vec<f64>,
-    cost: f64,
-}
-
-impl<'a> Start<'a> {
-    fn new(problem: &Problem, fit: &Fit<'a>, off: &[Step]) -> Self {
-        let stays = off.contains(&Step::Clipping) || problem.few() && !fit.effects.is_empty();
-        let mut eta = if stays { None } else { clipped(problem, &fit.eta) }.unwrap_or_else(|| fit.eta.clone());
-        let plant = problem.nuisance.apply(&problem.plant, &eta);
-        let jacobian = problem.jacobian(&plant);
-        if problem.nuisance.len() > eta.len() {
-            let begun = problem.fit(&jacobian, &eta, &fit.effects, BEGIN);
-            eta.extend_from_slice(&begun.eta[eta.len()..]);
-        }
-        let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
-        let cost = sum_of_squares(&residual) + problem.penalty(&eta);
-        Self { effects: fit.effects.clone(), eta, plant, jacobian, residual, cost }
-    }
-
-    /// Fits the first samples with these effects. Where a load and the poles that it moves look alike, a refit has left
-    /// the linear parameters in a long, curved valley, and a fit that starts from zero enters it near its minimum.
-    fn fitted(&self, quick: &Problem, effects: &[Placed<'a>]) -> Fit<'a> {
-        let fit = |eta: &[f64]| quick.fit(&self.jacobian, eta, effects, QUICK);
-        let near = fit(&self.eta);
-        if !quick.is_loaded(effects) {
-            return near;
-        }
-        let mut eta = self.eta.clone();
-        eta[..quick.nuisance.of_simulation()].fill(0.0);
-        let anew = fit(&eta);
-        if anew.cost < near.cost { anew } else { near }
-    }
-
-    fn base<'p>(&'p self, problem: &'p Problem, bold: bool) -> Base<'p, 'a> {
-        Base {
-            problem,
-            jacobian: &self.jacobian,
-            plant: &self.plant,
-            eta: &self.eta,
-            effects: &self.effects,
-            residual: &self.residual,
-            bold,
-        }
-    }
-}
-
-/// Returns whether the parameters still mean what the effect's name says.
-fn sound(problem: &Problem, placed: &Placed) -> bool {
-    placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
-}
-
-/// Fits to whole records what was fitted to the first samples, or only evaluates it there if that step is off.
-fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
-    if !off.contains(&Step::Polishing) {
-        return polish(problem, fit);
-    }
-    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
-    let residual = problem.residual(&plant, &fit.eta, &fit.effects, Fineness::FINE);
-    let cost = sum_of_squares(&residual) + problem.penalty(&fit.eta);
-    Fit { residual, cost, ..fit }
-}
-
-/// Returns the same fit with fine steps and derivatives at its own linear model.
-pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
-    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
-    let jacobian = problem.jacobian(&plant);
-    let mut fit = problem.fit(&jacobian, &fit.eta, &fit.effects, problem.far(FINE));
-    for placed in &mut fit.effects {
-        let kinds = placed.effect.parameters(&problem.setting);
-        for (value, parameter) in placed.parameters.iter_mut().zip(kinds) {
-            if parameter.range == Range::Angle {
-                *value -= TAU * (*value / TAU).round();
-            }
-        }
-        placed.place = placed.effect.fitted_place(&placed.place, &placed.parameters);
-    }
-    fit
-}
-
-/// Reconsiders each effect with all others in place: the first was chosen while the others were missing.
-fn question<'a>(
-    problem: &Problem,
-    quick: &Problem,
-    mut best: Fit<'a>,
-    price: &Price<'_, 'a>,
-    candidates: &mut Vec<Candidate<'a>>,
-) -> Fit<'a> {
-    for place in 0..best.effects.len() {
-        let asked = best.effects[place].clone();
-        let may = |placed: &Placed| !same(&asked, placed) && price.scope.admits(placed);
-        let top = replaced(problem, quick, &best, place, &may, price, candidates);
-        if let Some(top) = top.filter(|top| price.of(top) < price.of(&best)) {
-            best = top;
-        }
-    }
-    best
-}
-
-/// Replaces each effect by a finer law of the same kind if more than noise is left, and if the finer law explains as
-/// much of that as a further effect would have to.
-fn refined<'a>(
-    problem: &Problem,
-    quick: &Problem,
-    mut best: Fit<'a>,
-    price: &Price<'_, 'a>,
-    candidates: &mut Vec<Candidate<'a>>,
-) -> Fit<'a> {
-    let scope = price.scope;
-    if !imitates(&best, price) {
-        return best;
-    }
-    for place in 0..best.effects.len() {
-        let coarse = best.effects[place].clone();
-        let refines = |effect: &dyn Effect| effect.refines() == Some(coarse.effect.name());
-        if !scope.library.effects().any(refines) {
-            continue;
-        }
-        let may = |placed: &Placed| refines(placed.effect) && placed.place == coarse.place && scope.allows(placed);
-        let top = replaced(problem, quick, &best, place, &may, price, candidates);
-        let pays = |top: &Fit| price.of(&best) - price.of(top) > scope.settings.accept_gain;
-        if let Some(top) = top.filter(|top| pays(top) && material(problem, scope, &best, top)) {
-            best = top;
-        }
-    }
-    best
-}
-
-/// Returns the best fit in which the effect at this place of an explanation is replaced by one that `may` take it.
-fn replaced<'a>(
-    problem: &Problem,
-    quick: &Problem,
-    best: &Fit<'a>,
-    place: usize,
-    may: &(dyn Fn(&Placed) -> bool + Sync),
-    price: &Price<'_, 'a>,
-    candidates: &mut Vec<Candidate<'a>>,
-) -> Option<Fit<'a>> {
-    let settings = &price.scope.settings;
-    let mut others = best.effects.clone();
-    others.remove(place);
-    let there = |placed: &Placed| others.iter().any(|other| same(other, placed)) || !may(placed);
-    let without = Fit { effects: others.clone(), ..best.clone() };
-    let counts = [settings.fitted / 2, settings.polished / 2];
-    let searched = SearchStage::new(problem, quick, &without, &there, price, counts);
-    let (_, fits) = searched.without(problem, quick, &there, price);
-    candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
-    fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)))
 }

@@ -1,0 +1,250 @@
+//! One number of the simulation that is wrong, such as a gain, where a refit has spread it over many parameters.
+//!
+//! With the refit alone, the linear parameters are distributed about zero, with the stated standard deviations times a
+//! common factor tau that the records determine. With a cause they are distributed about its trace in them, s d, and
+//! tau is that of the other small errors. Both likelihoods follow from the information of the records on the parameters
+//! (an empirical Bayes estimate of a hierarchical prior: Gelman et al., Bayesian Data Analysis, 2013, chapter 5). A
+//! cause that accounts for most of what the refit changed thus gains although the refit leaves nothing of it in the
+//! residual.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use crate::effects::{Effect, Place, Range};
+use crate::fit::candidate::same;
+use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem};
+use crate::search::rules::Scope;
+use crate::search::screen::{Base, Now, Tried};
+use crate::simulate::Fineness;
+
+/// Factors tau that are tried.
+const FACTORS: [f64; 10] = [0.25, 0.4, 0.6, 1.0, 1.5, 2.3, 3.5, 5.5, 8.5, 13.0];
+
+/// Degrees of freedom of the prior: a few parameters are off by far more than the others, for reasons of their own.
+const TAILS: f64 = 3.0;
+
+/// Rounds of the reweighted least squares.
+const ROUNDS: usize = 12;
+
+/// Information on a direction, over that of the prior, below which a cause has no trace there.
+const FAINT: f64 = 1.0;
+
+/// Fits with such a cause: the parameters that it leaves lie along a curved valley.
+const ABSORBED: Effort = Effort { steps: 24, gain: 0.5, fineness: Fineness::FINE };
+
+/// A cause that a refit may have absorbed.
+struct LinearCause<'a> {
+    /// The effect with its size.
+    placed: Placed<'a>,
+    /// Twice the log likelihood ratio of the linear parameters with and without it.
+    gain: f64,
+    /// What the refit has taken of the cause.
+    taken: Vec<f64>,
+}
+
+/// Returns fits with the numbers of the simulation that best account for the changes of the linear parameters in a fit;
+/// none if no number does. The derivatives are those at this fit.
+pub fn fits<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Scope<'_, 'a>) -> Vec<Fit<'a>> {
+    let settings = &scope.settings;
+    let causes = causes(problem, from, jacobian, scope);
+    let likely = |cause: &LinearCause| cause.gain > settings.absorbed_gain;
+    let fit = |cause: LinearCause<'a>| {
+        let mut eta = from.eta.clone();
+        eta.iter_mut().zip(&cause.taken).for_each(|(eta, taken)| *eta -= taken);
+        let mut effects = from.effects.clone();
+        effects.push(cause.placed);
+        problem.fit(jacobian, &eta, &effects, problem.far(ABSORBED))
+    };
+    let likely: Vec<LinearCause> = causes.into_iter().take(settings.absorbed).filter(likely).collect();
+    likely.into_par_iter().map(fit).filter(|fit| fit.cost.is_finite()).collect()
+}
+
+/// Returns the numbers of the simulation that account for these changes, the best first.
+fn causes<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Scope<'_, 'a>) -> Vec<LinearCause<'a>> {
+    let Some(known) = Known::new(problem, from, jacobian) else { return Vec::new() };
+    let Some(without) = known.best(None) else { return Vec::new() };
+    let setting = &problem.setting;
+    let base = Base {
+        problem,
+        jacobian,
+        plant: &problem.nuisance.apply(&problem.plant, &from.eta),
+        eta: &from.eta,
+        effects: &from.effects,
+        residual: &from.residual,
+        bold: false,
+    };
+    let now = Now::new(&base);
+    let cause = |mut placed: Placed<'a>| {
+        let (index, neutral) = placed.effect.amplitude()?;
+        let trace = now.added(&base, &[Tried { placed: placed.clone(), scaled: true }]).swap_remove(0);
+        let pulls = known.scaled(&problem.cross(jacobian, &trace))?;
+        let imitation = known.imitation(&pulls)?;
+        let with = known.best(Some(&imitation))?;
+        let parameter = &mut placed.parameters[index];
+        *parameter = neutral + with.size * (*parameter - neutral);
+        if placed.effect.parameters(setting)[index].range == Range::Positive && *parameter <= 0.0 {
+            return None;
+        }
+        let taken = (imitation * with.size).component_mul(&known.std).as_slice().to_vec();
+        Some(LinearCause { placed, gain: 2.0 * (without.cost - with.cost), taken })
+    };
+    let at = |effect: &'a dyn Effect| effect.places(setting).into_iter().map(move |place| (effect, place));
+    let placed = |(effect, place): (&'a dyn Effect, Place)| {
+        let parameters = effect.starts(setting, &place).into_iter().next()?;
+        Some(Placed { effect, place, parameters })
+    };
+    let numbers = scope.library.effects().filter(|effect| effect.is_number()).flat_map(at).filter_map(placed);
+    let is_new = |placed: &Placed| !from.effects.iter().any(|other| same(other, placed));
+    let all: Vec<Placed> = numbers.filter(|placed| scope.admits(placed) && is_new(placed)).collect();
+    let mut causes: Vec<LinearCause> = all.into_par_iter().filter_map(cause).collect();
+    causes.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    causes
+}
+
+/// What the records say of the simulation's linear parameters, in standard deviations of their prior. The others, such
+/// as initial states, are eliminated.
+struct Known {
+    std: DVector<f64>,
+    /// H_so H_oo^-1, with the normal matrix H of the parameters s and the others o.
+    eliminated: DMatrix<f64>,
+    /// J'J.
+    information: DMatrix<f64>,
+    /// The pull of the records from zero.
+    pull: DVector<f64>,
+}
+
+/// A size of a cause with a factor on the limits.
+#[derive(Clone, Copy)]
+struct Sized {
+    /// Minus the log likelihood, up to a constant.
+    cost: f64,
+    size: f64,
+}
+
+impl Known {
+    fn new(problem: &Problem, from: &Fit, jacobian: &Jacobian) -> Option<Self> {
+        let (n, all) = (problem.nuisance.of_simulation(), problem.nuisance.len());
+        let normal = &jacobian.normal;
+        let eta = DVector::from_column_slice(&from.eta);
+        let pull = normal * eta + problem.gradient(jacobian, &from.residual, &from.eta).column(0);
+        let others = normal.view((n, n), (all - n, all - n)).into_owned();
+        let across = normal.view((0, n), (n, all - n)).into_owned();
+        let eliminated =
+            if all > n { others.cholesky()?.solve(&across.transpose()).transpose() } else { across.clone() };
+        let std = DVector::from_column_slice(&problem.nuisance.std[..n]);
+        let mut own = normal.view((0, 0), (n, n)) - &eliminated * across.transpose();
+        for i in 0..n {
+            own[(i, i)] -= std[i].powi(-2);
+        }
+        let information = DMatrix::from_fn(n, n, |i, j| std[i] * own[(i, j)] * std[j]);
+        let mut known = Self { std, eliminated, information, pull: DVector::zeros(n) };
+        known.pull = known.scaled(&DMatrix::from_column_slice(all, 1, pull.as_slice()))?;
+        Some(known)
+    }
+
+    /// Returns J' v in standard deviations; `None` if it is not finite.
+    fn scaled(&self, cross: &DMatrix<f64>) -> Option<DVector<f64>> {
+        let (n, all) = (self.std.len(), cross.nrows());
+        let own = cross.view((0, 0), (n, 1)) - &self.eliminated * cross.view((n, 0), (all - n, 1));
+        let scaled = DVector::from_fn(n, |i, _| self.std[i] * own[(i, 0)]);
+        scaled.iter().all(|x| x.is_finite()).then_some(scaled)
+    }
+
+    /// Returns the parameters that imitate a cause with these pulls.
+    fn imitation(&self, pulls: &DVector<f64>) -> Option<DVector<f64>> {
+        let mut information = self.information.clone();
+        (0..self.std.len()).for_each(|i| information[(i, i)] += FAINT);
+        Some(information.cholesky()?.solve(pulls))
+    }
+
+    /// Returns the best size of a cause, which `imitation` imitates, and the best factor on the limits.
+    fn best(&self, imitation: Option<&DVector<f64>>) -> Option<Sized> {
+        let all = FACTORS.iter().filter_map(|&factor| self.at(factor, imitation));
+        all.min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
+
+    /// Returns the best size with a factor on the limits, by reweighted least squares, with Laplace's approximation of
+    /// the likelihood.
+    fn at(&self, factor: f64, imitation: Option<&DVector<f64>>) -> Option<Sized> {
+        let n = self.std.len();
+        let mut weights = DVector::from_element(n, 1.0);
+        let seen = imitation.map(|d| &self.information * d);
+        let mut found = None;
+        for _ in 0..ROUNDS {
+            let mut both = self.information.clone();
+            (0..n).for_each(|i| both[(i, i)] += weights[i] / (factor * factor));
+            let solved = both.cholesky()?;
+            let mut off = solved.solve(&self.pull);
+            let mut size = 0.0;
+            if let (Some(d), Some(seen)) = (imitation, &seen) {
+                let back = solved.solve(seen);
+                size = (d.dot(&self.pull) - seen.dot(&off)) / (d.dot(seen) - seen.dot(&back)).max(f64::MIN_POSITIVE);
+                off -= back * size;
+            }
+            let whole = imitation.map_or_else(|| off.clone(), |d| &off + d * size);
+            let misfit = 0.5 * whole.dot(&(&self.information * &whole)) - self.pull.dot(&whole);
+            let square = |x: f64| (x / factor).powi(2);
+            let prior: f64 = off.iter().map(|&x| 0.5 * (TAILS + 1.0) * (square(x) / TAILS).ln_1p()).sum();
+            let volume: f64 = (0..n).map(|i| solved.l_dirty()[(i, i)].ln()).sum();
+            weights = off.map(|x| (TAILS + 1.0) / (TAILS + square(x)));
+            found = Some(Sized { cost: misfit + prior + n as f64 * factor.ln() + volume, size });
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Library;
+    use crate::fit::problem::sum_of_squares;
+    use crate::fit::refit::{STEPS, refit};
+    use crate::prepare::{Known as Stated, prepare};
+    use crate::search::rules::Rules;
+    use crate::testing;
+
+    /// Returns the first causes (effect, place, value, gain) of a plant whose shapes are off by half a per cent and
+    /// whose first output is multiplied by `gain`, with the mean square of what the refit leaves.
+    fn found(gain: f64) -> (Vec<(&'static str, Place, f64, f64)>, f64) {
+        let sim = testing::truss(1);
+        let real = testing::truss_with(1, |_, input, output| {
+            let off = |k: usize| 1.0 + 0.005 * if k.is_multiple_of(3) { 1.0 } else { -0.6 };
+            input.iter_mut().enumerate().for_each(|(k, x)| *x *= off(k));
+            output.iter_mut().enumerate().for_each(|(k, x)| *x *= off(k + 1));
+            output.row_mut(0).scale_mut(gain);
+        });
+        let case = testing::case(&sim, &real);
+        let problem = prepare(case.model.as_ref().unwrap(), &case.records, &Stated::default()).unwrap().problem;
+        let refitted = refit(&problem, STEPS);
+        let library = Library::standard();
+        let rules = Rules { suspects: &[], exclude: &[], without: &[] };
+        let (settings, names) = (problem.settings.search.clone(), problem.setting.names.clone());
+        let scope =
+            Scope { library: &library, rules: &rules, settings, names, off: Vec::new(), bold: false, imperfect: true };
+        let causes = causes(&problem, &refitted.as_fit(), &refitted.jacobian, &scope);
+        let told = |cause: &LinearCause| {
+            let placed = &cause.placed;
+            (placed.effect.name(), placed.place.clone(), placed.parameters[0], cause.gain)
+        };
+        let left = sum_of_squares(&refitted.residual) / problem.rows() as f64;
+        (causes.iter().take(3).map(told).collect(), left)
+    }
+
+    /// The refit accounts for the gain with the shapes of all modes and leaves only noise.
+    #[test]
+    fn a_gain_that_a_refit_has_spread_is_found() {
+        let (causes, left) = found(1.3);
+        let (name, place, value, gain) = &causes[0];
+        println!("{causes:?}, left {left}");
+        assert!(left < 1.2, "the refit leaves {left}");
+        assert_eq!((*name, place), ("sensor-gain", &Place::Output(0)));
+        assert!((value - 1.3).abs() < 0.05 && *gain > 20.0 && causes[1].3 < 0.5 * gain, "{causes:?}");
+    }
+
+    /// Many small errors are no cause.
+    #[test]
+    fn small_errors_everywhere_are_no_cause() {
+        let (causes, _) = found(1.0);
+        assert!(causes[0].3 < 10.0, "{causes:?}");
+    }
+}

@@ -1,0 +1,53 @@
+//! The price of parameters and choices, and what an effect must explain to be accepted.
+
+use crate::fit::candidate::Candidate;
+use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
+use crate::search::rules::Scope;
+
+/// The price of parameters and choices, and the options of a stage.
+pub(super) struct Price<'p, 'a> {
+    pub rows: f64,
+    pub scope: &'p Scope<'p, 'a>,
+}
+
+impl<'a> Price<'_, 'a> {
+    pub fn of(&self, fit: &Fit) -> f64 {
+        let settings = &self.scope.settings;
+        let one = |placed: &Placed| {
+            let own = if placed.effect.is_in_refit() {
+                settings.release_price
+            } else {
+                settings.choice_price + placed.parameters.len() as f64 * self.rows.ln()
+            };
+            own - self.scope.bonus(placed)
+        };
+        fit.cost + fit.effects.iter().map(one).sum::<f64>()
+    }
+
+    pub fn candidate(&self, fit: &Fit<'a>) -> Candidate<'a> {
+        Candidate { effects: fit.effects.clone(), cost: fit.cost, priced: self.of(fit) }
+    }
+}
+
+/// Returns whether an explanation leaves so much beyond the noise that it may only imitate the cause.
+pub(super) fn imitates(fit: &Fit, price: &Price) -> bool {
+    sum_of_squares(&fit.residual) > price.scope.settings.imitation_left * price.rows
+}
+
+/// Returns whether a further effect explains enough: of the residual, or of the changes of the linear parameters.
+pub(super) fn material(problem: &Problem, scope: &Scope, before: &Fit, after: &Fit) -> bool {
+    let (search, rows) = (&problem.settings.search, problem.rows() as f64);
+    let left = |fit: &Fit| sum_of_squares(&fit.residual);
+    let explained = left(before) - left(after);
+    // If less is left than the noise that is assumed, the records do not show how much of it is noise. Nor do they if
+    // an earlier residual is assumed: a further effect at the same place may then only correct the first one's law.
+    let corrects =
+        after.effects.split_last().is_some_and(|(last, others)| others.iter().any(|e| e.place == last.place));
+    let unknown = scope.imperfect && corrects || left(before) < search.overstated * rows;
+    let excess = if unknown { left(before) } else { left(before) - rows };
+    let share = explained / excess.max(search.material_power * rows);
+    let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
+    let visible =
+        explained > search.material_power * rows && (before.effects.is_empty() || share > search.further_share);
+    visible || (straightened > search.straightened_penalty && explained > -search.straightened_penalty)
+}

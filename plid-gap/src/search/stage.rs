@@ -1,0 +1,233 @@
+//! A stage of the search: the screen for a further effect, and fits of its first entries.
+
+use std::f64::consts::TAU;
+
+use rayon::prelude::*;
+
+use crate::effects::Range;
+use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem, sum_of_squares};
+use crate::fit::refit::clipped;
+use crate::search::price::Price;
+use crate::search::screen::{Base, Entry, screen};
+use crate::settings::step::Step;
+use crate::simulate::Fineness;
+
+/// Quick fits of the search.
+const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
+
+/// Fits of the windows' initial states.
+const BEGIN: Effort = Effort { steps: 3, gain: 1.0, fineness: Fineness::COARSE };
+
+/// Fits of the result.
+const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
+
+/// One stage of the search: the screen for a further effect, quick fits of its first entries, and whole fits of the
+/// best of these. No entry and no fit depends on which other entries there are, so a search that knows fewer effects
+/// can use the same ones.
+pub struct SearchStage<'a> {
+    pub(super) from: Start<'a>,
+    entries: Vec<Entry<'a>>,
+    /// Number of entries that are fitted, and number of these that are fitted to whole records.
+    counts: [usize; 2],
+    /// Gain of the quick fit of the effect that those of this stage are to replace, if there is one.
+    incumbent: Option<f64>,
+    /// Fits to the first samples by number of the entry; `None` if the fit is not sound.
+    quick: Numbered<'a>,
+    /// Fits to whole records.
+    whole: Numbered<'a>,
+}
+
+type Numbered<'a> = Vec<(usize, Option<Fit<'a>>)>;
+
+impl<'a> SearchStage<'a> {
+    pub(super) fn new(
+        problem: &Problem,
+        quick: &Problem,
+        so_far: &Fit<'a>,
+        replaces: Option<&Placed<'a>>,
+        there: &(dyn Fn(&Placed) -> bool + Sync),
+        price: &Price<'_, 'a>,
+        counts: [usize; 2],
+    ) -> Self {
+        let from = Start::new(quick, so_far, &price.scope.off);
+        let entries = screen(&from.base(quick, price.scope.bold), price.scope.library, there);
+        let incumbent = replaces.map(|placed| {
+            let fit = from.fitted(quick, &[&from.effects[..], std::slice::from_ref(placed)].concat());
+            from.cost - price.of(&fit)
+        });
+        let mut searched = Self { from, entries, counts, incumbent, quick: Vec::new(), whole: Vec::new() };
+        let all: Vec<usize> = (0..searched.entries.len()).collect();
+        (searched.quick, searched.whole) = searched.fits(problem, quick, &all, price);
+        searched
+    }
+
+    /// Adds entries and whole fits of effects that are neither present nor left out.
+    pub(super) fn without(
+        &self,
+        problem: &Problem,
+        quick: &Problem,
+        there: &dyn Fn(&Placed) -> bool,
+        price: &Price,
+    ) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
+        let kept: Vec<usize> = (0..self.entries.len()).filter(|&k| !there(&self.entries[k].placed)).collect();
+        let (_, whole) = self.fits(problem, quick, &kept, price);
+        let entries = kept.into_iter().map(|k| self.entries[k].clone()).collect();
+        (entries, whole.into_iter().filter_map(|(_, fit)| fit).collect())
+    }
+
+    /// Fits the first of these entries to the first samples and to whole records. Known fits are not repeated.
+    fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
+        let [fitted, polished] = self.counts;
+        let heads: Numbered<'a> = at[..at.len().min(fitted)]
+            .par_iter()
+            .filter(|&&k| self.entries[k].gain > 0.0)
+            .map(|&k| {
+                let new = || {
+                    let mut all = self.from.effects.clone();
+                    all.push(self.entries[k].placed.clone());
+                    whether_sound(quick, self.from.fitted(quick, &all))
+                };
+                (k, known(&self.quick, k).cloned().unwrap_or_else(new))
+            })
+            .collect();
+        let heads = self.further(quick, heads, 2 * polished, price);
+        let mut best = ranked(&heads, price);
+        best.truncate(polished);
+        let gain = |fit: &Fit| self.from.cost - price.of(fit);
+        let first = best.first().map_or(0.0, |&(_, fit)| gain(fit));
+        let settings = &price.scope.settings;
+        let (most, least, share) = match self.incumbent {
+            Some(incumbent) => (incumbent.max(first), settings.replacing_gain, settings.replacing_share),
+            None => (first, settings.trailing_gain, settings.trailing_share),
+        };
+        best.retain(|(_, fit)| most - gain(fit) < least.max(share * most));
+        let whole = best
+            .into_par_iter()
+            .map(|(k, fit)| {
+                let new = || whether_sound(problem, on_whole(problem, fit.clone(), &price.scope.off));
+                (k, known(&self.whole, k).cloned().unwrap_or_else(new))
+            })
+            .collect();
+        (heads, whole)
+    }
+
+    /// Continues the best quick fits that have not yet reached their minimum, if the linear parameters are few.
+    fn further(&self, quick: &Problem, heads: Numbered<'a>, most: usize, price: &Price) -> Numbered<'a> {
+        if !quick.few() {
+            return heads;
+        }
+        let first: Vec<usize> = ranked(&heads, price).into_iter().take(most).map(|(k, _)| k).collect();
+        let continued = |(k, fit): (usize, Option<Fit<'a>>)| match fit {
+            Some(fit) if !fit.converged && first.contains(&k) && known(&self.quick, k).is_none() => {
+                let fit = quick.fit(&self.from.jacobian, &fit.eta, &fit.effects, quick.far(QUICK));
+                (k, whether_sound(quick, fit))
+            }
+            fit => (k, fit),
+        };
+        heads.into_par_iter().map(continued).collect()
+    }
+}
+
+/// Returns the fit of an entry, if there is one.
+fn known<'f, 'a>(fits: &'f Numbered<'a>, k: usize) -> Option<&'f Option<Fit<'a>>> {
+    fits.iter().find(|(n, _)| *n == k).map(|(_, fit)| fit)
+}
+
+/// Returns the fits with their numbers, the best first.
+fn ranked<'f, 'a>(fits: &'f Numbered<'a>, price: &Price) -> Vec<(usize, &'f Fit<'a>)> {
+    let mut best: Vec<(usize, &Fit<'a>)> = fits.iter().filter_map(|(k, fit)| Some((*k, fit.as_ref()?))).collect();
+    best.sort_by(|a, b| price.of(a.1).total_cmp(&price.of(b.1)));
+    best
+}
+
+/// Returns the fit if its cost is finite and its parameters still mean what the effects' names say.
+fn whether_sound<'a>(problem: &Problem, fit: Fit<'a>) -> Option<Fit<'a>> {
+    (fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).then_some(fit)
+}
+
+/// A linear model from which a stage starts. Parameters far outside their prior are brought back, because they may be
+/// the trace of an effect. With an effect in place, few parameters are left where they are: accurate derivatives lead
+/// them back.
+pub(super) struct Start<'a> {
+    effects: Vec<Placed<'a>>,
+    eta: Vec<f64>,
+    plant: crate::plant::Plant,
+    jacobian: Jacobian,
+    residual: Vec<f64>,
+    cost: f64,
+}
+
+impl<'a> Start<'a> {
+    fn new(problem: &Problem, fit: &Fit<'a>, off: &[Step]) -> Self {
+        let stays = off.contains(&Step::Clipping) || problem.few() && !fit.effects.is_empty();
+        let mut eta = if stays { None } else { clipped(problem, &fit.eta) }.unwrap_or_else(|| fit.eta.clone());
+        let plant = problem.nuisance.apply(&problem.plant, &eta);
+        let jacobian = problem.jacobian(&plant);
+        if problem.nuisance.len() > eta.len() {
+            let begun = problem.fit(&jacobian, &eta, &fit.effects, BEGIN);
+            eta.extend_from_slice(&begun.eta[eta.len()..]);
+        }
+        let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
+        let cost = sum_of_squares(&residual) + problem.penalty(&eta);
+        Self { effects: fit.effects.clone(), eta, plant, jacobian, residual, cost }
+    }
+
+    /// Fits the first samples with these effects. Where a load and the poles that it moves look alike, a refit has left
+    /// the linear parameters in a long, curved valley, and a fit that starts from zero enters it near its minimum.
+    fn fitted(&self, quick: &Problem, effects: &[Placed<'a>]) -> Fit<'a> {
+        let fit = |eta: &[f64]| quick.fit(&self.jacobian, eta, effects, QUICK);
+        let near = fit(&self.eta);
+        if !quick.is_loaded(effects) {
+            return near;
+        }
+        let mut eta = self.eta.clone();
+        eta[..quick.nuisance.of_simulation()].fill(0.0);
+        let anew = fit(&eta);
+        if anew.cost < near.cost { anew } else { near }
+    }
+
+    pub(super) fn base<'p>(&'p self, problem: &'p Problem, bold: bool) -> Base<'p, 'a> {
+        Base {
+            problem,
+            jacobian: &self.jacobian,
+            plant: &self.plant,
+            eta: &self.eta,
+            effects: &self.effects,
+            residual: &self.residual,
+            bold,
+        }
+    }
+}
+
+/// Returns whether the parameters still mean what the effect's name says.
+fn sound(problem: &Problem, placed: &Placed) -> bool {
+    placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
+}
+
+/// Fits to whole records what was fitted to the first samples, or only evaluates it there if that step is off.
+pub(super) fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
+    if !off.contains(&Step::Polishing) {
+        return polish(problem, fit);
+    }
+    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let residual = problem.residual(&plant, &fit.eta, &fit.effects, Fineness::FINE);
+    let cost = sum_of_squares(&residual) + problem.penalty(&fit.eta);
+    Fit { residual, cost, ..fit }
+}
+
+/// Returns the same fit with fine steps and derivatives at its own linear model.
+pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
+    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let jacobian = problem.jacobian(&plant);
+    let mut fit = problem.fit(&jacobian, &fit.eta, &fit.effects, problem.far(FINE));
+    for placed in &mut fit.effects {
+        let kinds = placed.effect.parameters(&problem.setting);
+        for (value, parameter) in placed.parameters.iter_mut().zip(kinds) {
+            if parameter.range == Range::Angle {
+                *value -= TAU * (*value / TAU).round();
+            }
+        }
+        placed.place = placed.effect.fitted_place(&placed.place, &placed.parameters);
+    }
+    fit
+}
