@@ -85,7 +85,7 @@ const RENEWED: usize = 3;
 
 /// Change of an effect's parameter, in its unit steps, up to which the derivatives by the effects' parameters are used
 /// again. Each takes a run of all records.
-const REUSED: f64 = 0.02;
+const REUSED: f64 = 0.005;
 
 /// The source of the derivatives by the linear parameters.
 enum Derivatives<'p> {

@@ -165,8 +165,8 @@ fn completed<'a>(
     question(problem, quick, best, &latest, gains, price, candidates)
 }
 
-/// Returns the fit of a linear cause that a refit has spread over its parameters, if the simulation is imperfect and the
-/// cause gains enough.
+/// Returns the fit of a linear cause that a refit has spread over its parameters, if the simulation is imperfect and
+/// the cause gains enough.
 fn start<'a>(
     problem: &Problem,
     refit: &Refit,
