@@ -1,4 +1,4 @@
-//! The stepwise search: screen, fits of the best entries, acceptance; after each effect all effects are reconsidered.
+//! The stepwise search: screen, fits of the best entries, acceptance; after each effect the others are reconsidered.
 
 use std::cell::OnceCell;
 

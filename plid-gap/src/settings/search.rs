@@ -16,8 +16,8 @@ group! {
         /// See `trailing_share`.
         trailing_gain: f64 = 500.0, "2 ln L", 0.0..=1e9;
         /// A quick fit with another effect in the place of one is not repeated on whole records if it trails the quick
-        /// fit of the latter by more than this share of its gain and by more than `replacing_gain`. Of 13 such fits in
-        /// two cases, all trailed by more on whole records than in the quick fits.
+        /// fit of the latter by more than this share of its gain and by more than `replacing_gain`. In two
+        /// cases, all 24 such fits trailed by more on whole records than in the quick fits.
         replacing_share: f64 = 0.1, "1", 0.0..=1.0;
         /// See `replacing_share`.
         replacing_gain: f64 = 100.0, "2 ln L", 0.0..=1e9;
@@ -61,8 +61,8 @@ group! {
         /// back to their prior.
         most_straightened: usize = 2, "effects", 0.0..=10.0;
         /// Gain by which a number of the simulation must account for the changes of a refit for the search to start
-        /// from it: the price of a choice and of a parameter. A single parameter that is off by fifty standard
-        /// deviations gains no more.
+        /// from it: the price of a choice and of a parameter. A single parameter that is off by twenty times
+        /// the scale of the others gains about as much.
         absorbed_gain: f64 = 20.0, "2 ln L", 0.0..=1e9;
         /// Most such numbers that are fitted.
         absorbed: usize = 3, "effects", 0.0..=100.0;
