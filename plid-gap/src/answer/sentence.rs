@@ -44,6 +44,8 @@ pub(crate) struct Said<'s> {
     pub material: f64,
     /// Whether the records show the noise level.
     pub seen: bool,
+    /// The gap that stochastic effects make, if nothing else is named and the simulation is imperfect as a whole.
+    pub noise_alone: Option<f64>,
     /// Where the remainder lies, if the simulation is imperfect as a whole.
     pub remains: Option<&'s str>,
     /// The thresholds of the sentences.
@@ -72,6 +74,7 @@ pub(crate) fn sentence(verdict: Verdict, said: &Said) -> String {
             course(gap.as_given, gap.with_effect),
         ),
         Verdict::Effects => match (said.remains, effects) {
+            (Some(remains), _) if said.noise_alone.is_some() => said.mostly_noise(remains),
             _ if said.is_noise() => said.all_noise(),
             (Some(remains), [main, others @ ..]) => said.mostly(main, others, remains),
             _ => said.effects(),
@@ -151,6 +154,16 @@ impl Said<'_> {
             "{}: it is noise that no simulation predicts, {} of the output, of a gap of {}.",
             self.all(),
             percent(self.gap.noise_floor),
+            percent(self.gap.as_given),
+        )
+    }
+
+    fn mostly_noise(&self, remains: &str) -> String {
+        let they = if self.effects.len() == 1 { "it makes" } else { "they make" };
+        format!(
+            "Mostly {}, which no simulation predicts: {they} a gap of {}, of {} in all.{remains}",
+            self.all(),
+            percent(self.noise_alone.unwrap_or(self.gap.noise_floor)),
             percent(self.gap.as_given),
         )
     }

@@ -6,7 +6,7 @@ use crate::effects::Place;
 use crate::evidence::Evidence;
 use crate::fit::candidate::{in_words, same};
 use crate::fit::problem::Placed;
-use crate::judge::explained::Explained;
+use crate::judge::explained::{Explained, Refusal};
 use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
 use crate::words::likelihood;
@@ -115,15 +115,22 @@ fn limits(explained: &Explained) -> Vec<String> {
             percent(noise.at_most)
         )
     });
-    let refused = explained.diverged.as_ref().map(|(effects, record)| {
+    let refused = explained.refused.iter().map(|(effects, why)| {
         let effects = in_words(effects, names);
-        format!("{effects} came nearest, but its free run of `{record}` diverges, so it was rejected.")
+        match why {
+            Refusal::Diverges(record) => {
+                format!("{effects} came nearest, but its free run of `{record}` diverges, so it was rejected.")
+            }
+            Refusal::FitsNoise => format!(
+                "{effects} fitted the noise of the other records: it does not explain those that were held out."
+            ),
+            Refusal::BesideNoise => format!(
+                "Beside the noise-like effects, {effects} came nearest, but it leaves most of what they do not account \
+                for, so it is not named."
+            ),
+        }
     });
-    let fits_noise = (!explained.fits_noise.is_empty()).then(|| {
-        let effects = in_words(&explained.fits_noise, names);
-        format!("{effects} fitted the noise of the other records: it does not explain those that were held out.")
-    });
-    imperfect.into_iter().chain(unpredicted).chain(refused).chain(fits_noise).collect()
+    imperfect.into_iter().chain(unpredicted).chain(refused).collect()
 }
 
 /// States what the noise of driven records and the raw values show.
@@ -163,7 +170,7 @@ fn nearest_other(explained: &Explained) -> Option<String> {
     let found = &explained.found;
     let best = &found.best;
     // An explanation that replaced a refused one was fitted again, and the others were not.
-    if best.effects.is_empty() || explained.diverged.is_some() {
+    if best.effects.is_empty() || explained.refused.iter().any(|(_, why)| matches!(why, Refusal::Diverges(_))) {
         return None;
     }
     let within_best = |effects: &[Placed]| effects.iter().all(|a| best.effects.iter().any(|b| same(a, b)));

@@ -225,8 +225,7 @@ impl<'a> Searched<'a> {
             level,
             unpredicted,
             given_cost,
-            diverged: None,
-            fits_noise: Vec::new(),
+            refused: Vec::new(),
         };
         if scope.imperfect && !explained.fit().effects.is_empty() {
             explained.offsets = offsets(&explained.ready.problem, explained.fit());
@@ -396,6 +395,7 @@ mod tests {
     use super::*;
     use crate::effects::Place;
     use crate::fit::candidate::Candidate;
+    use crate::judge::explained::Refusal;
     use crate::prepare::{Known, prepare};
     use crate::testing;
 
@@ -438,14 +438,15 @@ mod tests {
             }
             explained
         };
-        let next = explained().refuse_divergence();
+        let mut next = explained().refuse_divergence();
         assert_eq!(next.found.best.effects[0].effect.name(), "sensor-offset");
-        let (refused, record) = next.diverged.unwrap();
-        assert_eq!((refused[0].effect.name(), record.starts_with("random")), ("cubic-stiffness", true));
+        let (refused, why) = next.refused.remove(0);
+        assert_eq!(refused[0].effect.name(), "cubic-stiffness");
+        assert!(matches!(&why, Refusal::Diverges(record) if record.starts_with("random")), "{why:?}");
         assert!(next.judged.unknown >= crate::settings::JudgeSettings::default().most_unknown);
         let mut alone = explained();
         alone.found.candidates.truncate(1);
         let alone = alone.refuse_divergence();
-        assert!(alone.found.best.effects.is_empty() && alone.diverged.is_some());
+        assert!(alone.found.best.effects.is_empty() && !alone.refused.is_empty());
     }
 }

@@ -19,8 +19,8 @@ use crate::judge::locate::{self, Map};
 use crate::judge::next_experiment::next_experiment;
 use crate::judge::separability::{Predicted, Rival, rivals};
 use crate::judge::settle_all::with_all;
-use crate::judge::shares::of_band;
 use crate::judge::side::places;
+use crate::judge::stochastic_gap::squared_gap;
 use crate::judge::verdict::Verdict;
 use crate::search::rules::Rules;
 use crate::search::stochastic::{Stochastic, wandering};
@@ -124,10 +124,8 @@ impl<'f, 'a> Finding<'f, 'a> {
             named[which].shape_differs = true;
         }
         // A stochastic effect has a share of the noise.
-        let band = |u: &&Stochastic| {
-            if u.placed.effect.observed_in() == Observation::Band { of_band(self.explained) } else { 0.0 }
-        };
-        let sizes: Vec<f64> = shares.iter().map(|share| share.closed).chain(shown.iter().map(band)).collect();
+        let noise = shown.iter().map(|u| squared_gap(self.explained, u));
+        let sizes: Vec<f64> = shares.iter().map(|share| share.closed).chain(noise).collect();
         let mut order: Vec<usize> = (0..named.len()).collect();
         order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
         let mut sorted: Vec<NamedEffect> = order.into_iter().map(|k| named[k].clone()).collect();
@@ -140,6 +138,11 @@ impl<'f, 'a> Finding<'f, 'a> {
         let mut first = true;
         sorted.retain(|effect| std::mem::take(&mut first) || stands(effect));
         sorted
+    }
+
+    /// Returns the gap that the stochastic effects of the answer make.
+    fn noise(&self) -> f64 {
+        self.judged.shown.iter().map(|u| squared_gap(self.explained, u)).sum::<f64>().sqrt()
     }
 
     fn candidates(&self) -> Vec<Explanation> {
@@ -178,6 +181,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             smaller: smaller(self.explained, effects).len(),
             gap: gaps,
             material: self.audit.case.config.material,
+            noise_alone: (best.is_empty() && ready.widened.is_some()).then(|| self.noise()),
             seen: level.seen || self.explained.unpredicted.is_some(),
             remains: remains.as_deref(),
             settings,

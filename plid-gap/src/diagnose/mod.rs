@@ -122,6 +122,7 @@ fn finish(
     let skipped = audit.known.off.contains(&Step::Stochastic);
     let mut stochastic = if skipped { Vec::new() } else { stochastic_effects(&explained.ready, ground.library) };
     stochastic.retain(|stochastic| rules.knows(stochastic.placed.effect));
+    let explained = explained.leave_to_noise(&stochastic, &rules, config.material);
     let finding = Finding::new(audit, &explained, &stochastic, &rules, say);
     let diagnosis = finding.diagnosis(say);
     let simulation = finding.simulation(model(audit)?);

@@ -36,10 +36,19 @@ pub struct Explained<'a> {
     pub unpredicted: Option<Unpredicted>,
     /// Sum of squares of the simulation as given.
     pub given_cost: f64,
-    /// An explanation that was refused because its free run of a record diverges, with that record.
-    pub diverged: Option<(Vec<Placed<'a>>, String)>,
-    /// Effects that were refused because they fit noise.
-    pub fits_noise: Vec<Placed<'a>>,
+    /// Explanations that were refused although they came nearest, with the reason.
+    pub refused: Vec<(Vec<Placed<'a>>, Refusal)>,
+}
+
+/// Why an explanation that came nearest was refused.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Refusal {
+    /// Its free run of this record diverges.
+    Diverges(String),
+    /// It fits the noise of the fitted records.
+    FitsNoise,
+    /// It leaves most of what stochastic effects do not account for.
+    BesideNoise,
 }
 
 impl<'a> Explained<'a> {
@@ -98,7 +107,9 @@ impl<'a> Explained<'a> {
                 |c: &Candidate<'a>| polish(problem, Fit { effects: c.effects.clone(), ..self.refitted.as_fit() });
             let next = found.candidates.iter().find(cheaper).map(anew);
             let refused = std::mem::replace(&mut found.best, next.unwrap_or_else(|| self.refitted.as_fit()));
-            self.diverged.get_or_insert((refused.effects, name));
+            if self.refused.is_empty() {
+                self.refused.push((refused.effects, Refusal::Diverges(name)));
+            }
         }
         self
     }
@@ -119,11 +130,18 @@ impl<'a> Explained<'a> {
         let Some(unpredicted) = Unpredicted::of(problem, &without) else { return self };
         self.judged.unknown = unpredicted.unknown(&problem.settings.judge);
         self.unpredicted = Some(unpredicted);
+        self.retreat(Refusal::FitsNoise);
+        self
+    }
+
+    /// Replaces the explanation, and all that rank before no effect, by the refit.
+    pub(super) fn retreat(&mut self, why: Refusal) {
+        let without = self.refitted.as_fit();
         self.free_shape = None;
         self.offsets.clear();
         self.found.candidates.retain(|candidate| candidate.effects.is_empty() || candidate.priced >= without.cost);
-        self.fits_noise = std::mem::replace(&mut self.found.best, without).effects;
-        self
+        let refused = std::mem::replace(&mut self.found.best, without).effects;
+        self.refused.push((refused, why));
     }
 
     pub(crate) fn price(&self) -> f64 {

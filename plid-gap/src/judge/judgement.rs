@@ -10,10 +10,11 @@ use crate::judge::gap::Blocks;
 use crate::judge::held_out::{HeldOut, held_out};
 use crate::judge::shares::{Share, shares};
 use crate::judge::shrink::{Gap, blocks, gaps, opened};
+use crate::judge::stochastic_gap::{shown, squared_gap};
 use crate::judge::verdict::{Verdict, Weighted, outside, weigh};
 use crate::plant::Plant;
 use crate::search::rules::Rules;
-use crate::search::stochastic::{Stochastic, wandering};
+use crate::search::stochastic::Stochastic;
 use crate::settings::step::Step;
 
 /// A judged explanation.
@@ -62,15 +63,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let mut weighted =
             weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
         // Quiet records are evidence independently of free runs.
-        let names = &problem.setting.names;
-        let near_line = problem.settings.prepare.near_line;
-        let enters = |u: &&Stochastic| {
-            u.gain > problem.settings.search.stochastic_gain
-                && rules.allow(&u.placed, names)
-                && wandering(&u.placed, best, near_line).is_none()
-                && !explained.unpredicted.as_ref().is_some_and(|noise| noise.hides(&u.placed))
-        };
-        let shown: Vec<&Stochastic> = stochastic.iter().filter(enters).collect();
+        let shown = shown(explained, stochastic, rules);
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }
@@ -104,8 +97,12 @@ fn kin_is_more_probable(weighted: &[Weighted], probability: f64) -> bool {
 }
 
 fn verdict(explained: &Explained, weighted: &[Weighted], shown: &[&Stochastic], gaps: &Gap, material: f64) -> Verdict {
-    // If a simulation within its limits leaves less than a material gap, nothing matters.
-    let immaterial = explained.ready.widened.is_some() && gaps.beyond_noise(gaps.within_limits) < material;
+    // If a simulation within its limits leaves less than a material gap, and stochastic effects make no more, nothing
+    // matters.
+    let noise: f64 = shown.iter().map(|u| squared_gap(explained, u)).sum();
+    let immaterial = explained.ready.widened.is_some()
+        && gaps.beyond_noise(gaps.within_limits) < material
+        && noise < material * material;
     match weighted.first() {
         Some(top) if immaterial && (top.unknown || explained.found.best.effects.is_empty()) => Verdict::None,
         Some(top) if top.unknown && !kin_is_more_probable(weighted, top.probability) => Verdict::Unknown,

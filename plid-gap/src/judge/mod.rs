@@ -18,4 +18,5 @@ pub(crate) mod settle_all;
 pub(crate) mod shares;
 pub(crate) mod shrink;
 pub(crate) mod side;
+pub(crate) mod stochastic_gap;
 pub(crate) mod verdict;

@@ -7,7 +7,6 @@ use crate::fit::refit::clipped;
 use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
 use crate::judge::shrink::{blocks, opened};
-use crate::noise::Source;
 use crate::plant::Plant;
 use crate::simulate::Fineness;
 
@@ -76,14 +75,4 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
 fn floor(explained: &Explained, opened: &[&Record]) -> f64 {
     let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
     gap::floor_over(&explained.noise_rms(), &measured)
-}
-
-/// Returns the squared gap of a random force in a band, which is part of the noise.
-pub fn of_band(explained: &Explained) -> f64 {
-    let mut without = explained.ready.noise.clone();
-    without.sources.retain(|(source, _)| !matches!(source, Source::Band(_)));
-    let opened = opened(explained);
-    let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
-    let square = |rms: &[f64]| gap::floor_over(rms, &measured).powi(2);
-    (square(&explained.ready.noise.rms()) - square(&without.rms())).max(0.0)
 }

@@ -1,0 +1,167 @@
+//! The part of the gap that stochastic effects make. No free run follows them, so no fit of a free run closes it.
+
+use crate::effects::{Observation, Place};
+use crate::fit::free_run::errors;
+use crate::fit::problem::Placed;
+use crate::fit::refit::clipped;
+use crate::judge::explained::{Explained, Refusal};
+use crate::judge::gap;
+use crate::judge::shrink::{blocks, opened};
+use crate::judge::verdict::outside;
+use crate::noise::Source;
+use crate::search::rules::Rules;
+use crate::search::stochastic::{Stochastic, wandering};
+
+/// Returns the stochastic effects that enter the answer.
+pub fn shown<'s, 'a>(
+    explained: &Explained,
+    stochastic: &'s [Stochastic<'a>],
+    rules: &Rules,
+) -> Vec<&'s Stochastic<'a>> {
+    let problem = &explained.ready.problem;
+    let settings = &problem.settings;
+    let enters = |u: &&Stochastic| {
+        u.gain > settings.search.stochastic_gain
+            && rules.allow(&u.placed, &problem.setting.names)
+            && wandering(&u.placed, &explained.found.best.effects, settings.prepare.near_line).is_none()
+            && !explained.unpredicted.as_ref().is_some_and(|noise| noise.hides(&u.placed))
+    };
+    stochastic.iter().filter(enters).collect()
+}
+
+/// Returns the squared gap that a stochastic effect makes on the opened records.
+pub fn squared_gap(explained: &Explained, stochastic: &Stochastic) -> f64 {
+    let placed = &stochastic.placed;
+    match (placed.effect.observed_in(), &placed.place) {
+        (Observation::SensorNoise, Place::Output(o)) => of_outputs(explained, &[(*o, placed.parameters[0])]),
+        // The error of a converter is uniform over a step; the half step that truncation subtracts has been restored.
+        (Observation::Quantisation, Place::Output(o)) => {
+            of_outputs(explained, &[(*o, placed.parameters[0] / 12.0_f64.sqrt())])
+        }
+        (Observation::Dropouts, Place::Output(o)) => of_dropouts(explained, *o),
+        (Observation::Band, _) => of_band(explained),
+        (_, Place::Frequency(hz, port)) => {
+            let mut lines = explained.ready.wandering.iter().filter(|line| line.hz == *hz && line.port == *port);
+            let rms = lines.next().map_or(&[][..], |line| &line.rms);
+            of_outputs(explained, &rms.iter().copied().enumerate().collect::<Vec<_>>())
+        }
+        _ => 0.0,
+    }
+}
+
+/// Returns the squared gap of errors on some outputs, each with its RMS.
+fn of_outputs(explained: &Explained, errors: &[(usize, f64)]) -> f64 {
+    let mut rms = vec![0.0; explained.ready.problem.plant.p];
+    errors.iter().for_each(|&(o, error)| rms[o] = error);
+    of_rms(explained, &rms)
+}
+
+fn of_rms(explained: &Explained, rms: &[f64]) -> f64 {
+    let opened = opened(explained);
+    let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
+    gap::floor_over(rms, &measured).powi(2)
+}
+
+/// Returns the squared gap of a random force in a band, which is part of the noise.
+fn of_band(explained: &Explained) -> f64 {
+    let mut without = explained.ready.noise.clone();
+    without.sources.retain(|(source, _)| !matches!(source, Source::Band(_)));
+    (of_rms(explained, &explained.ready.noise.rms()) - of_rms(explained, &without.rms())).max(0.0)
+}
+
+/// Returns the squared gap of the samples that an output drops in the fitted records; in others they are as frequent.
+fn of_dropouts(explained: &Explained, o: usize) -> f64 {
+    let problem = &explained.ready.problem;
+    let fit = explained.predicting();
+    let Some(quantisation) = explained.ready.quantisation.get(o) else { return 0.0 };
+    let (mut dropped, mut all) = (0.0, 0.0);
+    for ((record, error), repeats) in
+        problem.records.iter().zip(errors(problem, &fit.eta, &fit.effects)).zip(&quantisation.repeats)
+    {
+        if record.is_driven() {
+            dropped += repeats.iter().map(|&k| error[o][k]).filter(|e| e.is_finite()).map(|e| e * e).sum::<f64>();
+            all += record.y[o].iter().filter(|y| y.is_finite()).map(|y| y * y).sum::<f64>();
+        }
+    }
+    dropped / all.max(f64::MIN_POSITIVE) / problem.plant.p as f64
+}
+
+impl<'a> Explained<'a> {
+    /// Replaces an explanation by the refit if it leaves too much of the gap beyond noise and limits to be credible,
+    /// while stochastic effects make most of what the refit leaves. The simulation is imperfect, but its main fault is
+    /// then one that no free run shows, and something else is as probable as if a fit left what remains beside it.
+    pub(crate) fn leave_to_noise(mut self, stochastic: &[Stochastic<'a>], rules: &Rules, material: f64) -> Self {
+        let problem = &self.ready.problem;
+        let settings = &problem.settings.judge;
+        if self.ready.widened.is_none() {
+            return self;
+        }
+        let shown = shown(&self, stochastic, rules);
+        let made = |is: &dyn Fn(Observation) -> bool| -> f64 {
+            let of = shown.iter().filter(|u| is(u.placed.effect.observed_in()));
+            of.map(|u| squared_gap(&self, u)).sum()
+        };
+        let noise = made(&|_| true);
+        if noise < material * material {
+            return self;
+        }
+        // Dropped samples are masked, so they are no part of the noise model.
+        let floor = of_rms(&self, &self.noise_rms()) + made(&|observed| observed == Observation::Dropouts);
+        let beyond = |eta: &[f64], effects: &[Placed]| {
+            let plant = problem.nuisance.apply(&problem.plant, eta);
+            let gap = blocks(&opened(&self), &plant, &problem.actions(effects)).gap();
+            (gap * gap - floor).max(0.0)
+        };
+        let within = clipped(problem, &self.refitted.eta).unwrap_or_else(|| self.refitted.eta.clone());
+        let without = beyond(&within, &[]);
+        let with = self.predicting();
+        let kept = self.judged.left.max(beyond(&with.eta, &with.effects) / without.max(f64::MIN_POSITIVE)).sqrt();
+        let credible = !with.effects.is_empty() && kept <= settings.most_left;
+        let left = (without / (without + noise)).sqrt();
+        if credible || left > settings.most_left {
+            return self;
+        }
+        self.judged.unknown = outside(left, settings);
+        if !self.found.best.effects.is_empty() {
+            self.retreat(Refusal::BesideNoise);
+        }
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::case::record::rms;
+    use crate::diagnose::diagnose;
+    use crate::effects::Library;
+    use crate::judge::verdict::Verdict;
+    use crate::testing;
+
+    /// The noise of a sensor is the main cause, although the simulation also lacks products of one channel with the
+    /// past of the other, which no effect explains. If the products are larger, something else remains the answer.
+    #[test]
+    fn noise_is_the_main_cause_beside_small_imperfections_and_not_beside_large_ones() {
+        for (noise, product, verdict) in [(0.25, 0.05, Verdict::Effects), (0.05, 0.3, Verdict::Unknown)] {
+            let sim = testing::truss(1);
+            let mut case = testing::case(&sim, &sim);
+            let size: Vec<f64> = case.records[1].y.iter().map(|y| rms(y)).collect();
+            for (k, record) in case.records.iter_mut().enumerate() {
+                let earlier = record.y.clone();
+                for (o, y) in record.y.iter_mut().enumerate() {
+                    let changed = y.iter_mut().skip(40).zip(&earlier[1 - o]);
+                    changed.for_each(|(y, earlier)| *y += product * *y * earlier / size[1 - o]);
+                }
+                testing::add_noise(&mut record.y, 900 + k as u64, &[noise * size[0], 0.0]);
+            }
+            let diagnosis = diagnose(&case, &Library::standard(), &mut |_| {}).unwrap().diagnosis;
+            assert_eq!(diagnosis.verdict, verdict, "{noise} {product}: {}", diagnosis.sentence);
+            if verdict == Verdict::Effects {
+                let first = &diagnosis.effects[0];
+                assert_eq!((first.effect.as_str(), first.location.as_str()), ("sensor-noise", "output:y1"));
+                let std = first.parameters.values().next().unwrap().value;
+                assert!((std / (noise * size[0]) - 1.0).abs() < 0.1, "{std}");
+                assert!(diagnosis.sentence.contains("which no simulation predicts"), "{}", diagnosis.sentence);
+            }
+        }
+    }
+}
