@@ -182,9 +182,21 @@ pub(crate) fn answer_all(
     Ok(Done { cases: ours.len(), before, failed, answers })
 }
 
+/// Reads the case in a folder. Only files of the folder itself were drawn and are compared with what was drawn, so a
+/// case that names any other file is refused.
+fn case_in(folder: &Path) -> Result<Case, String> {
+    let path = folder.join("case.toml");
+    let case = Case::read(&path).map_err(|e| e.to_string())?;
+    let inside = |name: &str| Path::new(name).file_name().is_some_and(|own| own == name);
+    match case.config.files().into_iter().find(|name| !inside(name)) {
+        Some(name) => Err(format!("{}: `{name}` is not a file of the case's own folder", path.display())),
+        None => Ok(case),
+    }
+}
+
 /// Answers a case with plid's own diagnosis and with the baselines.
 fn plid(folder: &Path, without: &[String], library: &Library) -> Result<Answer, String> {
-    let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
+    let case = case_in(folder)?;
     let (whole, left_out) = outcomes(&case, library, without, &[])?;
     let others = baselines::answers(&case, &whole, left_out.as_ref(), library).map_err(|e| e.to_string())?;
     let mut answer = answer_of(&whole, left_out.as_ref())?;
@@ -199,7 +211,7 @@ pub(crate) fn plid_without(
     library: &Library,
     off: &[Step],
 ) -> Result<Answer, String> {
-    let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
+    let case = case_in(folder)?;
     let (whole, left_out) = outcomes(&case, library, without, off)?;
     answer_of(&whole, left_out.as_ref())
 }
@@ -238,3 +250,30 @@ pub(crate) const WHOLE: Names = Names { diagnosis: "diagnosis.json", simulation:
 /// The answer without the effects that the case leaves out.
 pub(crate) const LEFT_OUT: Names = Names { diagnosis: "left-out.json", simulation: "left-out-sim.json" };
 pub(crate) const BASELINES: &str = "baselines.json";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_case_may_only_name_files_of_its_own_folder() {
+        let at = tempfile::tempdir().unwrap();
+        let folder = at.path().join("case-001");
+        std::fs::create_dir(&folder).unwrap();
+        let record = "u1,y1\n0,0\n1,0\n0,1\n1,0.5\n";
+        for to in [at.path(), &folder] {
+            std::fs::write(to.join("r1.csv"), record).unwrap();
+        }
+        let absolute = at.path().join("r1.csv").display().to_string();
+        for (file, fine) in [("r1.csv", true), ("../r1.csv", false), (&absolute, false)] {
+            let text = format!(
+                "sample_rate_hz = 100\ninputs = [\"u1\"]\noutputs = [\"y1\"]\n\n[[record]]\nfile = \"{file}\"\n\
+                excitation = \"random\"\n"
+            );
+            std::fs::write(folder.join("case.toml"), text).unwrap();
+            let read = case_in(&folder);
+            assert_eq!(read.is_ok(), fine, "{:?}", read.err());
+            assert!(fine || read.unwrap_err().contains("is not a file of the case's own folder"));
+        }
+    }
+}

@@ -35,7 +35,7 @@ pub struct Arguments {
     /// [default: the current folder].
     #[arg(long, value_name = "DIR", default_value = ".")]
     folder: PathBuf,
-    /// Outputs of your own simulator for that input: the effects' correction is added to them.
+    /// Outputs of your own simulator for that input: the change by the refit and the effects is added to them.
     #[arg(long, value_name = "FILE")]
     simulated: Option<PathBuf>,
 }
@@ -66,7 +66,7 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
             if rows != inputs {
                 return Err(Failure::input(format!("{}: {rows} rows, but the input has {inputs}", file.display())));
             }
-            own.iter().zip(&prediction.correction).map(|(y, c)| y.iter().zip(c).map(|(y, c)| y + c).collect()).collect()
+            own.iter().zip(&prediction.change).map(|(y, c)| y.iter().zip(c).map(|(y, c)| y + c).collect()).collect()
         }
     };
     let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);

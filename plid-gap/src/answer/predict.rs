@@ -33,6 +33,7 @@ pub struct Predictor {
     pub fitted: Option<FittedRange>,
     intersample: Intersample,
     plant: Plant,
+    as_given: Option<Plant>,
     actions: Vec<Action>,
 }
 
@@ -42,8 +43,15 @@ pub struct Prediction {
     pub outputs: Channels,
     /// Change of the outputs by the effects.
     pub correction: Channels,
+    /// Change of the outputs of the simulation as given, by the effects and the refit; by the effects alone if the file
+    /// does not contain that simulation.
+    pub change: Channels,
     /// How far the input exceeds the fitted range; `None` if the file does not state the range.
     pub beyond: Option<Beyond>,
+}
+
+fn difference(a: &[Vec<f64>], b: &[Vec<f64>]) -> Channels {
+    a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect()
 }
 
 impl Predictor {
@@ -104,8 +112,18 @@ impl Predictor {
                 None => effect.act(&setting, &place, &parameters),
             });
         }
+        let as_given = written.as_given.as_ref().map(|given| -> Result<Plant, GapError> {
+            let given = Model::from_json(given, &format!("{}: as_given", path.display()))?;
+            if (&given.inputs, &given.outputs) != (&model.inputs, &model.outputs) {
+                return Err(malformed("as_given: its channels are not those of `linear`".into()));
+            }
+            let mut given = Plant::with_settings(&given, &written.plant)?;
+            plant.controller.iter().for_each(|controller| given.close(controller.clone()));
+            Ok(given)
+        });
+        let as_given = as_given.transpose()?;
         let SimulationWithEffects { t0, noise_rms, fitted, intersample, .. } = written;
-        Ok(Self { model, inputs, t0, noise_rms, fitted, intersample, plant, actions })
+        Ok(Self { model, inputs, t0, noise_rms, fitted, intersample, plant, as_given, actions })
     }
 
     /// Returns the part of commands (m channels) that is no feedback, by the outputs that were measured with them (p
@@ -124,10 +142,11 @@ impl Predictor {
         let outputs = self.free_run(u, t0);
         let linear = simulate(&self.plant, &[], u, t0, None, Fineness::FINE);
         self.require_bounded(&outputs, &linear)?;
-        let correction =
-            outputs.iter().zip(&linear).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
+        let correction = difference(&outputs, &linear);
         let beyond = self.fitted.as_ref().map(|fitted| fitted.beyond(&self.plant, &self.model.inputs, u));
-        Ok(Prediction { outputs, correction, beyond })
+        let given = self.as_given.as_ref().map(|given| simulate(given, &[], u, t0, None, Fineness::FINE));
+        let change = given.map_or_else(|| correction.clone(), |given| difference(&outputs, &given));
+        Ok(Prediction { outputs, correction, change, beyond })
     }
 
     fn require_bounded(&self, outputs: &[Vec<f64>], linear: &[Vec<f64>]) -> Result<(), GapError> {
@@ -267,7 +286,7 @@ pub(crate) fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> O
 mod tests {
     use super::*;
     use crate::effects::CubicStiffness;
-    use crate::testing::{random_input, record, truss};
+    use crate::testing::{random_input, record, run, truss, truss_with};
 
     /// A softening spring at the first port, fitted at a hundredth of the level at which it loses its stiffness.
     fn softening() -> (Predictor, Channels) {
@@ -293,6 +312,7 @@ mod tests {
                 fitted: Some(fitted),
                 intersample,
                 plant,
+                as_given: None,
                 actions,
             },
             u,
@@ -335,6 +355,44 @@ mod tests {
         }
         let nothing = predictor.predict(&scaled(&u, 0.0), 0.0).unwrap();
         assert_eq!(predictor.expected_gap(&nothing, &nothing.outputs), None);
+    }
+
+    /// The outputs of the simulation as given and the change by refit and effects add up to the prediction, also where
+    /// the refit changed the linear model.
+    #[test]
+    fn the_change_of_the_simulation_as_given_contains_the_refit() {
+        let given = truss(1);
+        let refitted = truss_with(1, |modes, shapes, _| {
+            modes[0].0 *= 1.01;
+            shapes.column_mut(0).scale_mut(1.2);
+        });
+        let path = Path::new("sim-with-effect.json");
+        let read = |as_given: &Model| {
+            let file = serde_json::json!({
+                "format": "simulation-with-effects",
+                "linear": Plant::new(&refitted).unwrap().to_model(&refitted).to_json(),
+                "modes": 4, "refit": [], "t0": 1.0, "noise_rms": [0.1, 0.1], "as_given": as_given.to_json(),
+                "effects": [
+                    { "effect": "sensor-saturation", "location": "output:y2", "equation": "",
+                      "parameters": { "a": { "value": 0.5, "ci95": null, "unit": "V" } } },
+                ]
+            });
+            Predictor::new(serde_json::from_value(file).unwrap(), &Library::standard(), path)
+        };
+        let u = random_input(7, 600, 2);
+        let prediction = read(&given).unwrap().predict(&u, 0.0).unwrap();
+        let sizes = prediction.outputs.iter().map(|y| rms(y));
+        for (((own, change), y), size) in
+            run(&given, &u).iter().zip(&prediction.change).zip(&prediction.outputs).zip(sizes)
+        {
+            let off = own.iter().zip(change).zip(y).map(|((own, change), y)| (own + change - y).abs());
+            assert!(off.fold(0.0, f64::max) < 1e-9 * size);
+        }
+        let further = |correction: &Channels| rms(&correction[0]);
+        assert!(further(&prediction.change) > 10.0 * further(&prediction.correction));
+        let other = Model { outputs: vec!["y2".into(), "y1".into()], ..given.clone() };
+        let said = read(&other).map(|_| ()).unwrap_err().to_string();
+        assert!(said.contains("as_given: its channels"), "{said}");
     }
 
     /// A file that was edited by hand gives an error with the key, and neither a panic nor an endless loop.

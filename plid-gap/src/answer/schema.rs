@@ -300,6 +300,9 @@ pub struct SimulationWithEffects {
     /// simulated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub linear_with_modal_effects: Option<serde_json::Value>,
+    /// The simulation as given, a model.json object; files of former versions do not have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub as_given: Option<serde_json::Value>,
     /// The controller that closes a loop around the model, a model.json object; absent without one. It reads the
     /// outputs at each sample, and its commands are added to the inputs.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use plid_model::Model;
+
 use crate::answer::range::FittedRange;
 use crate::answer::schema::{Gap, SimulationWithEffects, Value, WrittenEffect};
 use crate::case::Intersample;
@@ -29,11 +31,11 @@ pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f6
 }
 
 /// Returns sim-with-effect.json: the linear model after the bounded refit (`eta`), the effects that predict (`fitted`),
-/// and those that quiet records show. A line whose phase wanders is part of the noise and is left out. `gap` is the gap
-/// that the effects leave.
+/// and those that quiet records show. A line whose phase wanders is part of the noise and is left out. The models are
+/// that of the audited case and the simulation as given. `gap` is the gap that the effects leave.
 pub(crate) fn written(
     explained: &Explained,
-    model: &plid_model::Model,
+    (model, given): (&Model, &Model),
     intersample: Intersample,
     eta: &[f64],
     fitted: &[Placed],
@@ -75,6 +77,7 @@ pub(crate) fn written(
         linear: plant.to_model(model).to_json(),
         modes: plant.modes.len(),
         linear_with_modal_effects: modal.map(|modal| modal.to_model(model).to_json()),
+        as_given: Some(given.to_json()),
         controller: plant.controller.as_ref().map(|controller| controller.model.to_json()),
         refit,
         intersample,

@@ -67,6 +67,11 @@ impl Audit {
         self.surrogate.as_ref().map_or(Intersample::Zoh, |surrogate| surrogate.intersample)
     }
 
+    /// Returns the model that stands for a simulation that the case does not contain.
+    pub fn surrogate_model(&self) -> Option<&plid_model::Model> {
+        self.surrogate.as_ref().map(|surrogate| &surrogate.model)
+    }
+
     /// Returns the mismatch that the audit corrected, if it explains the gap.
     pub(crate) fn put_right(&self) -> Option<&Mismatch> {
         self.mismatch.as_ref().filter(|mismatch| mismatch.explains)

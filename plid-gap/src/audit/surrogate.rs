@@ -267,8 +267,8 @@ fn words(model: &Model, chosen: &[Record], of_simulator: bool, errors: [f64; 2],
             ": a linear model does not represent it well; the model's error is subtracted from the measured outputs, \
             but effects act on the model"
         } else {
-            ", which is subtracted from the measured outputs; `predict` needs the simulator's outputs in addition to \
-            the effects' correction (`--simulated`)"
+            ", which is subtracted from the measured outputs; `predict` needs the simulator's outputs \
+            (`--simulated`)"
         };
         format!(
             "The surrogate of the simulator is a linear model of {states} states, identified from its outputs: its \

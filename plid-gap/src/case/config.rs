@@ -196,6 +196,13 @@ impl RecordConfig {
 }
 
 impl CaseConfig {
+    /// Returns the names of the files of a case: simulation, controller and records, as they stand in it.
+    pub fn files(&self) -> Vec<&str> {
+        let given = self.sim.iter().chain(self.controller.iter().map(|controller| &controller.model));
+        let records = self.record.iter().flat_map(|record| std::iter::once(&record.file).chain(&record.simulated));
+        given.chain(records).map(String::as_str).collect()
+    }
+
     /// Creates a case of channels at a sample rate, with defaults for all else.
     pub fn new(sample_rate_hz: f64, inputs: Vec<String>, outputs: Vec<String>) -> Self {
         Self {

@@ -1,5 +1,7 @@
 //! The answer of a diagnosis, from an explanation that was judged.
 
+use plid_model::Model;
+
 use crate::answer::schema::{Diagnosis, Explanation, Located, NamedEffect, SimulationWithEffects};
 use crate::answer::sentence::{Said, remains, sentence};
 use crate::answer::simulation::written;
@@ -196,12 +198,12 @@ impl<'f, 'a> Finding<'f, 'a> {
         }
     }
 
-    /// Returns sim-with-effect.json.
-    pub(super) fn simulation(&self, model: &plid_model::Model) -> SimulationWithEffects {
+    /// Returns sim-with-effect.json. The models are that of the audited case and the simulation as given.
+    pub(super) fn simulation(&self, models: (&Model, &Model)) -> SimulationWithEffects {
         let (eta, effects) = self.predicting();
         let intersample = self.audit.intersample();
         let mut simulation =
-            written(self.explained, model, intersample, &eta, &effects, &self.judged.shown, &self.judged.gaps);
+            written(self.explained, models, intersample, &eta, &effects, &self.judged.shown, &self.judged.gaps);
         self.delay.iter().for_each(|delay| delay.simulated(&mut simulation.effects));
         simulation
     }

@@ -125,6 +125,7 @@ fn finish(
     let explained = explained.leave_to_noise(&stochastic, &rules, config.material);
     let finding = Finding::new(audit, &explained, &stochastic, &rules, say);
     let diagnosis = finding.diagnosis(say);
-    let simulation = finding.simulation(model(audit)?);
+    let given = ground.case.model.as_ref().or(audit.surrogate_model());
+    let simulation = finding.simulation((model(audit)?, given.map_or_else(|| model(audit), Ok)?));
     Ok(Outcome { diagnosis, simulation, shown: finding.shown() })
 }

@@ -47,6 +47,12 @@ impl Effect for MissingMode {
         setting.missing.iter().filter(|mode| at(mode.hz)).map(start).collect()
     }
 
+    /// A pole that no record can show as a resonance is not a mode.
+    fn sound(&self, setting: &Setting, _place: &Place, parameters: &[f64]) -> bool {
+        let (hz, zeta) = (parameters[0], parameters[1]);
+        hz < 0.5 * setting.plant.rate && hz * setting.duration_s > 1.0 && zeta < 1.0
+    }
+
     fn fitted_place(&self, _place: &Place, parameters: &[f64]) -> Place {
         Place::MissingMode(parameters[0])
     }

@@ -23,6 +23,9 @@ use plid_fourier::C;
 /// Relative width of the band that stands for what remains of a line whose phase wanders, after the line is removed.
 const LINE_WIDTH: f64 = 0.003;
 
+/// Power of a constant channel without its mean, over that of the declared noise: rounding.
+const CONSTANT: f64 = 1e-12;
+
 /// Number of rounds of the fixed-point iteration, which converges linearly.
 const ROUNDS: usize = 60;
 
@@ -66,6 +69,12 @@ impl Stretch {
     fn hz(&self, k: usize, rate: f64) -> f64 {
         k as f64 * rate / self.length as f64
     }
+}
+
+/// Returns whether an output is constant in all stretches, beside noise of this variance.
+pub fn is_constant(stretches: &[Stretch], o: usize, variance: f64) -> bool {
+    let power = |stretch: &Stretch| stretch.bins[o].iter().map(C::norm_sqr).sum::<f64>();
+    stretches.iter().all(|stretch| power(stretch) <= CONSTANT * variance * stretch.bins[o].len() as f64)
 }
 
 /// Removes mean and trend from the samples that are not missing and sets the missing ones to zero. Returns how many are
@@ -206,7 +215,13 @@ impl NoiseModel {
         }
         let rows: Vec<Row> = stretches.iter().flat_map(|s| model.rows(s, thin)).collect();
         let mut theta: Vec<f64> = model.sources.iter().map(|(_, theta)| *theta).collect();
-        let fixed: Vec<bool> = model.sources.iter().map(|(s, _)| matches!(s, Source::Actuator(_))).collect();
+        // A channel that is constant shows no noise level: its noise remains as declared.
+        let fixed = model.sources.iter().map(|(source, theta)| match source {
+            Source::Actuator(_) => true,
+            Source::Sensor(o) => is_constant(stretches, *o, *theta),
+            _ => false,
+        });
+        let fixed: Vec<bool> = fixed.collect();
         let quietest = self.settings.least_sensor_variance;
         let least: Vec<f64> = model
             .sources

@@ -17,7 +17,7 @@ use crate::fit::problem::{Placed, Problem, dot};
 use crate::fit::refit::Refit;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
-use crate::noise::{NoiseModel, Stretch};
+use crate::noise::{NoiseModel, Stretch, is_constant};
 use crate::plant::{CasePort, Mode, Plant, PortScale};
 use crate::prepare::coloured::{Coloured, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
@@ -118,11 +118,11 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         quiet_stretches(&plant, &fitted, &setting.tones, &settings.prepare)
     };
     let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
-    let noise = rounded(noise, &quantisation, &declared_sensor);
+    let declares = model.noise.sensor_std.is_some();
+    let noise = rounded(noise, &quiet, &quantisation, (&declared_sensor, declares));
     let whiteners = whiteners(&fitted, &noise, plant.rate, &quantisation);
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).with_prior_std(&known.prior_std);
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings, strong: false };
-    let declares = model.noise.sensor_std.is_some();
     Ok(Prepared {
         problem,
         held_out,
@@ -323,7 +323,7 @@ impl Prepared {
     fn fitted(&self, quiet: &[Stretch]) -> NoiseModel {
         let band = self.coloured.iter().map(Coloured::source);
         let noise = if quiet.is_empty() { self.declared.clone() } else { self.declared.fit_beside(quiet, band) };
-        rounded(noise, &self.quantisation, &self.declared_sensor)
+        rounded(noise, quiet, &self.quantisation, (&self.declared_sensor, self.declares))
     }
 
     /// Uses a noise model from now on.
@@ -423,14 +423,29 @@ fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, quantisation: &[
 }
 
 /// Adds the noise of converters and encoders: q^2 / 12 as soon as the signal moves, although a quiet record may be
-/// constant. A coarse one hides the noise before it, which is then as declared; with a finer one, it is what the quiet
-/// records show, and no less than that.
-fn rounded(noise: NoiseModel, quantisation: &[Quantisation], declared: &[f64]) -> NoiseModel {
+/// constant. A coarse one hides the noise before it, which is then as declared. If the values lie on a grid and a quiet
+/// record is constant, the noise before the converter is small: with a standard deviation above a sixth of a step, some
+/// value would have left its code. Otherwise the noise is what the quiet records show, and no less than the rounding.
+fn rounded(
+    noise: NoiseModel,
+    quiet: &[Stretch],
+    quantisation: &[Quantisation],
+    (declared, declares): (&[f64], bool),
+) -> NoiseModel {
     let shown = noise.sensors();
     let outputs = quantisation.iter().zip(declared).enumerate().filter(|(_, (output, _))| output.step.is_finite());
     outputs.fold(noise, |noise, (o, (output, std))| {
-        let rounding = output.step * output.step / 12.0;
-        noise.with_sensor(o, if output.coarse { std * std + rounding } else { shown[o].max(rounding) })
+        let (rounding, variance) = (output.step * output.step / 12.0, std * std);
+        let at_rest = output.grid && !quiet.is_empty() && is_constant(quiet, o, variance);
+        let before = if declares { variance.min(rounding / 3.0) } else { 0.0 };
+        noise.with_sensor(
+            o,
+            match (output.coarse, at_rest) {
+                (true, _) => variance + rounding,
+                (false, true) => before + rounding,
+                (false, false) => shown[o].max(rounding),
+            },
+        )
     })
 }
 
@@ -680,6 +695,35 @@ pub(crate) mod tests {
         for ((variance, step), std) in ready.noise.sensors().iter().zip(&steps).zip(&std) {
             assert!(*variance > 0.99 * step * step / 12.0 && *variance < 2.0 * std * std, "{variance} {step} {std}");
         }
+    }
+
+    /// The noise of an encoder is that of its steps, and not a part of the noise that is assumed because none is
+    /// declared. A channel that is constant for another reason shows no noise level, so its noise is as declared.
+    #[test]
+    fn what_is_constant_at_rest_shows_no_noise_level() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        let declared = case.model.as_ref().unwrap().noise.sensor_std.clone().unwrap();
+        let step = 0.3 * declared[0];
+        for record in &mut case.records {
+            record.y[0].iter_mut().for_each(|y| *y = (*y / step).round() * step + 0.4 * step);
+            if record.excitation == Excitation::Zero {
+                record.y[0].fill(0.4 * step);
+                record.y[1].fill(0.0);
+            }
+        }
+        let mut model = case.model.clone().unwrap();
+        let noise = |model: &Model| {
+            let ready = prepare(model, &case.records, &Known::default()).unwrap();
+            (ready.noise.sensors(), ready.declared_sensor)
+        };
+        let (sensors, _) = noise(&model);
+        assert!((sensors[0] / (step * step / 9.0) - 1.0).abs() < 1e-6, "{sensors:?}");
+        assert!((sensors[1] / declared[1].powi(2) - 1.0).abs() < 1e-6, "{sensors:?}");
+        model.noise.sensor_std = None;
+        let (sensors, assumed) = noise(&model);
+        assert!((sensors[0] / (step * step / 12.0) - 1.0).abs() < 1e-6, "{sensors:?}");
+        assert!((sensors[1] / assumed[1].powi(2) - 1.0).abs() < 1e-6, "{sensors:?}");
     }
 
     /// If a driven plant has more noise than the quiet record, the quiet record gives the noise level.

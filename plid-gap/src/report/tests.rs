@@ -168,6 +168,7 @@ fn simulation() -> SimulationWithEffects {
         linear: serde_json::Value::Null,
         modes: 1,
         linear_with_modal_effects: None,
+        as_given: None,
         controller: None,
         refit: vec!["mode 11.00 Hz: frequency 11.000 -> 11.010 Hz".into()],
         intersample: Default::default(),

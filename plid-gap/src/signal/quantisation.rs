@@ -5,6 +5,12 @@ use statrs::distribution::{ContinuousCDF, Normal};
 use crate::case::record::{Channels, Excitation, Record};
 use crate::settings::SignalSettings;
 
+/// Relative error of values in a file of six digits.
+const DIGITS: f64 = 1e-6;
+
+/// Least and largest distance from the grid, in steps, that may be due to the digits of a file.
+const OFF_GRID: [f64; 2] = [0.01, 0.1];
+
 /// Number of samples on each side with whose errors that of a repeated value is compared: enough for a median, and few
 /// enough for the level to be the same.
 const NEIGHBOURS: usize = 60;
@@ -14,6 +20,8 @@ const NEIGHBOURS: usize = 60;
 pub struct Quantisation {
     /// Smallest distance between two values (V).
     pub step: f64,
+    /// Whether all values differ by multiples of the step.
+    pub grid: bool,
     /// Whether the converter is coarser than those of the other channels.
     pub coarse: bool,
     /// Whether the converter truncates towards zero instead of rounding.
@@ -61,7 +69,7 @@ pub fn of_outputs(
             };
             let repeats = jumps.into_iter().map(repeats).collect();
             let cut = coarse && cuts(records, o, steps[o], settings.truncation_values);
-            Quantisation { step: steps[o], coarse, cut, dropout_rate, repeats }
+            Quantisation { step: steps[o], grid: on_grid(records, o, steps[o]), coarse, cut, dropout_rate, repeats }
         })
         .collect()
 }
@@ -126,6 +134,16 @@ fn step(records: &[Record], o: usize) -> f64 {
     let size = values.last().map_or(0.0, |last| last.abs().max(values[0].abs()));
     let distances = values.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 1e-5 * size);
     distances.fold(f64::INFINITY, f64::min)
+}
+
+/// Returns whether all values differ by multiples of a step, up to the digits of a file.
+fn on_grid(records: &[Record], o: usize, step: f64) -> bool {
+    let mut values = records.iter().flat_map(|record| &record.y[o]).filter(|y| y.is_finite());
+    let Some(first) = values.next().filter(|_| step.is_finite()) else { return false };
+    values.all(|y| {
+        let steps = (y - first) / step;
+        (steps - steps.round()).abs() < (DIGITS * steps.abs()).clamp(OFF_GRID[0], OFF_GRID[1])
+    })
 }
 
 /// Samples at which an output departs from the simulation and returns.
@@ -242,8 +260,8 @@ mod tests {
             let errors = vec![vec![vec![0.0; 4000]; 3]];
             let found = of_outputs(&records, &errors, &[1e-3; 3], &SignalSettings::default());
             assert_eq!(
-                found.iter().map(|c| (c.coarse, c.cut)).collect::<Vec<_>>(),
-                [(false, false), (true, false), (true, true)]
+                found.iter().map(|c| (c.grid, c.coarse, c.cut)).collect::<Vec<_>>(),
+                [(false, false, false), (true, true, false), (true, true, true)]
             );
             let mean = |records: &[Record]| {
                 records[0].y[2].iter().zip(&y).map(|(a, y)| (y - a) * y.signum()).sum::<f64>() / 4000.0

@@ -151,6 +151,7 @@ impl Bench {
             linear: self.plant.to_model(&self.model).to_json(),
             modes: self.plant.modes.len(),
             linear_with_modal_effects: changed.map(|plant| plant.to_model(&self.model).to_json()),
+            as_given: None,
             controller: self.plant.controller.as_ref().map(|controller| controller.model.to_json()),
             refit: Vec::new(),
             intersample: intersample(effects),
