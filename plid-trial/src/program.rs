@@ -1,11 +1,15 @@
 //! Which program drew, diagnosed or scored a trial.
 
 use std::fmt;
+use std::path::Path;
 use std::sync::OnceLock;
 
+use plid_file::sha256;
+use plid_gap::settings::GapSettings;
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrialError;
+use crate::files;
 
 /// A build of the program. Two builds of one commit differ where their executables do.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -20,6 +24,10 @@ pub struct Program {
     pub dirty: bool,
     /// SHA-256 of the executable.
     pub executable_sha256: String,
+    /// SHA-256 of the settings of the diagnosis where a case does not change them, as JSON; empty in files of former
+    /// versions. Each answer contains its settings as a whole.
+    #[serde(default)]
+    pub settings_sha256: String,
 }
 
 impl Program {
@@ -38,6 +46,7 @@ impl Program {
             commit: option_env!("PLID_COMMIT").map(str::to_owned),
             dirty: option_env!("PLID_CHANGED") == Some("true"),
             executable_sha256,
+            settings_sha256: sha256(&files::json(Path::new("settings"), &GapSettings::default())?),
         };
         Ok(THIS.get_or_init(|| program).clone())
     }

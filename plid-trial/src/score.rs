@@ -51,7 +51,8 @@ pub enum Extent {
     Answered,
 }
 
-/// Scores a trial; writes scores.json, report.html and its first picture, power.svg, into `out`.
+/// Scores a trial; writes scores.json, report.html and two of its pictures, power.svg and reliability.svg, into
+/// `out`.
 ///
 /// # Errors
 /// [`TrialError::Unanswered`] where cases have no answer, [`TrialError::Changed`] with the case whose answer has
@@ -91,6 +92,9 @@ pub fn score(
     files::write_json(&out.join("scores.json"), &scores)?;
     if let Some(svg) = report::power(&scores) {
         files::write(&out.join("power.svg"), svg.as_bytes())?;
+    }
+    if let Some(svg) = report::reliability(&scores) {
+        files::write(&out.join("reliability.svg"), svg.as_bytes())?;
     }
     let page = out.join("report.html");
     report::page(&scores, &seal.config).write(&page).map_err(TrialError::file(page))?;

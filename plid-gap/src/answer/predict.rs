@@ -381,7 +381,7 @@ mod tests {
         };
         let u = random_input(7, 600, 2);
         let prediction = read(&given).unwrap().predict(&u, 0.0).unwrap();
-        let sizes = prediction.outputs.iter().map(|y| rms(y));
+        let sizes = prediction.outputs.iter().map(rms);
         for (((own, change), y), size) in
             run(&given, &u).iter().zip(&prediction.change).zip(&prediction.outputs).zip(sizes)
         {

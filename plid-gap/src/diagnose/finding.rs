@@ -142,9 +142,10 @@ impl<'f, 'a> Finding<'f, 'a> {
         sorted
     }
 
-    /// Returns the gap that the stochastic effects of the answer make.
-    fn noise(&self) -> f64 {
-        self.judged.shown.iter().map(|u| squared_gap(self.explained, u)).sum::<f64>().sqrt()
+    /// Returns the squared gap that each of these stochastic effects of the answer makes.
+    fn squared_gaps(&self, are: impl Fn(Observation) -> bool) -> impl Iterator<Item = f64> {
+        let shown = self.judged.shown.iter().filter(move |u| are(u.placed.effect.observed_in()));
+        shown.map(|u| squared_gap(self.explained, u))
     }
 
     fn candidates(&self) -> Vec<Explanation> {
@@ -167,7 +168,9 @@ impl<'f, 'a> Finding<'f, 'a> {
         let Judgement { gaps, verdict, .. } = &self.judged;
         let (names, best) = (&ready.problem.setting.names, &found.best.effects);
         let nearest: Vec<String> = best.iter().map(|placed| in_words(std::slice::from_ref(placed), names)).collect();
-        let beyond = gaps.beyond_noise(gaps.with_effect);
+        // No free run follows dropped samples, and the noise does not contain them.
+        let dropped: f64 = self.squared_gaps(|observed| observed == Observation::Dropouts).sum();
+        let beyond = (gaps.beyond_noise(gaps.with_effect).powi(2) - dropped).max(0.0).sqrt();
         let settings = &ready.problem.settings.answer;
         let remains = |_| remains(&self.maps[1], &names.outputs, beyond, gaps.as_given, settings);
         let remains = ready.widened.map(remains);
@@ -183,7 +186,8 @@ impl<'f, 'a> Finding<'f, 'a> {
             smaller: smaller(self.explained, effects).len(),
             gap: gaps,
             material: self.audit.case.config.material,
-            noise_alone: (best.is_empty() && ready.widened.is_some()).then(|| self.noise()),
+            noise_alone: (best.is_empty() && ready.widened.is_some())
+                .then(|| self.squared_gaps(|_| true).sum::<f64>().sqrt()),
             seen: level.seen || self.explained.unpredicted.is_some(),
             remains: remains.as_deref(),
             settings,

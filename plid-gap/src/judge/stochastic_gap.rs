@@ -144,7 +144,7 @@ mod tests {
         for (noise, product, verdict) in [(0.25, 0.05, Verdict::Effects), (0.05, 0.3, Verdict::Unknown)] {
             let sim = testing::truss(1);
             let mut case = testing::case(&sim, &sim);
-            let size: Vec<f64> = case.records[1].y.iter().map(|y| rms(y)).collect();
+            let size: Vec<f64> = case.records[1].y.iter().map(rms).collect();
             for (k, record) in case.records.iter_mut().enumerate() {
                 let earlier = record.y.clone();
                 for (o, y) in record.y.iter_mut().enumerate() {

@@ -4,7 +4,7 @@ use ndarray::Array2;
 use plid_report::{Axis, Chart, HeatMap, Report, Series, chart, charts, heat_map};
 
 use crate::scores::{ALL, ANSWERERS, EFFECT, GAP, GAP_NEAR, GAP_OF, GAP_OWN, GAPS, Scores, Totals, gap_bin};
-use crate::statistics::Rate;
+use crate::statistics::{Calibration, Rate};
 
 const COLOURS: [&str; 4] = ["#0072b2", "#d55e00", "#009e73", "#e69f00"];
 const GREY: &str = "#8f8f8f";
@@ -128,36 +128,56 @@ pub(super) fn power_by_effect(scores: &Scores) -> String {
     })
 }
 
-/// Plots stated probabilities against observed frequencies.
-pub(super) fn reliability(report: Report, scores: &Scores) -> Report {
+/// Plots stated probabilities against observed frequencies: each calibration with its name and colour, the last with its
+/// 95 % interval.
+fn diagram(of: &[(&str, &Calibration, &str)], label: &str) -> String {
     let mut series = vec![Series::line("perfect", vec![(0.0, 0.0), (100.0, 100.0)]).colour(GREY).dashed()];
-    for who in [1, 0] {
-        let Some(totals) = scores.totals(ALL, ALL, who) else { continue };
-        let bins = &totals.calibration.bins;
-        let found: Vec<(f64, Rate)> = bins.iter().map(|bin| (100.0 * bin.stated, bin.came_true)).collect();
-        if who == 0 {
-            series.push(Series::band("", band(&found)).colour(COLOURS[0]));
+    for (k, (name, calibration, colour)) in of.iter().enumerate() {
+        let found: Vec<(f64, Rate)> = calibration.bins.iter().map(|bin| (100.0 * bin.stated, bin.came_true)).collect();
+        if k + 1 == of.len() {
+            series.push(Series::band("", band(&found)).colour(colour));
         }
-        series.push(Series::line(ANSWERERS[who], line(&found)).colour(COLOURS[who]));
-        series.push(Series::points("", line(&found)).colour(COLOURS[who]).width(3.5));
+        series.push(Series::line(*name, line(&found)).colour(colour));
+        series.push(Series::points("", line(&found)).colour(colour).width(3.5));
     }
-    let reliability = Chart {
-        title: String::new(),
-        x: Axis::linear("stated probability of the first explanation, %").range(0.0, 100.0).step(10.0),
-        y: percent("it is the truth, %"),
-        series,
-        height: 220.0,
+    let x = Axis::linear(label).range(0.0, 100.0).step(10.0);
+    chart(&Chart { title: String::new(), x, y: percent("it is true, %"), series, height: 220.0 })
+}
+
+/// Returns the reliability diagram: of main causes and named effects where truths are imperfect, otherwise of first
+/// explanations.
+pub(crate) fn reliability(scores: &Scores) -> Option<String> {
+    if let Some(all) = scores.main_cause.first() {
+        let of = [
+            ("first explanations", &all.explanations, COLOURS[1]),
+            ("effects that are named", &all.statements, COLOURS[0]),
+        ];
+        return Some(diagram(&of, "stated probability, %"));
+    }
+    let of = |who: usize| Some((ANSWERERS[who], &scores.totals(ALL, ALL, who)?.calibration, COLOURS[who]));
+    let both: Vec<_> = [1, 0].into_iter().filter_map(of).collect();
+    (!both.is_empty()).then(|| diagram(&both, "stated probability of the first explanation, %"))
+}
+
+fn figures(calibration: &Calibration) -> String {
+    let text = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.3}"));
+    format!("Brier score {}, expected calibration error {}", text(calibration.brier), text(calibration.expected_error))
+}
+
+/// Adds the diagram with its caption.
+pub(super) fn calibrated(report: Report, scores: &Scores) -> Report {
+    let Some(svg) = reliability(scores) else { return report };
+    let caption = match (scores.main_cause.first(), scores.totals(ALL, ALL, 0)) {
+        (Some(all), _) => format!(
+            "Cases with imperfect truths, by ten equal intervals of the stated probability. First explanations: {}. \
+            Effects that are named, each at its place: {}. The band is their 95 % interval (Clopper-Pearson).",
+            figures(&all.explanations),
+            figures(&all.statements)
+        ),
+        (None, Some(totals)) => {
+            format!("All cases, by ten equal intervals of the stated probability. {}.", figures(&totals.calibration))
+        }
+        (None, None) => return report,
     };
-    let figures = scores.totals(ALL, ALL, 0).map(|t| {
-        let text = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.3}"));
-        format!(
-            "Brier score {}, expected calibration error {}.",
-            text(t.calibration.brier),
-            text(t.calibration.expected_error)
-        )
-    });
-    report.heading("Calibration").figure(
-        chart(&reliability),
-        format!("All cases, by ten equal stretches of the stated probability. {}", figures.unwrap_or_default()),
-    )
+    report.heading("Calibration").figure(svg, caption)
 }

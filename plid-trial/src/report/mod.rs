@@ -6,7 +6,7 @@ mod curves;
 mod main_cause;
 mod tables;
 
-pub(crate) use curves::power;
+pub(crate) use curves::{power, reliability};
 
 use plid_data::config::to_toml;
 use plid_report::{Cell, Report};
@@ -25,7 +25,7 @@ pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
     report = tables::targets(report, scores);
     report = main_cause::section(report, scores);
     report = curves::equations(report, scores);
-    report = curves::reliability(report, scores);
+    report = curves::calibrated(report, scores);
     report = tables::all(report, scores);
     report = cases::section(report, scores);
     report

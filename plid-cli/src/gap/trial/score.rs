@@ -27,7 +27,7 @@ pub struct Arguments {
     /// rejected.
     #[arg(long = "answered")]
     partial: bool,
-    /// Folder for report.html, its first figure power.svg, and scores.json [default: S].
+    /// Folder for report.html, its figures power.svg and reliability.svg, and scores.json [default: S].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
