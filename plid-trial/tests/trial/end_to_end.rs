@@ -25,6 +25,8 @@ fn three_cases_from_the_draw_to_the_report() {
         // Above what may be missed.
         least_over_floor: 5.0,
         near_misses: 0.0,
+        // Short records show the machinery as well as long ones.
+        length: 0.25,
         ..Draw::default()
     };
     let config = TrialConfig { name: "three".to_owned(), cases, draw: draws };
@@ -55,4 +57,5 @@ fn three_cases_from_the_draw_to_the_report() {
     assert_eq!((all.false_alarms.hits, all.false_alarms.of), (0, 1));
     assert!(all.shrink_median.is_some_and(|shrink| shrink > 0.9));
     assert!(fs::read_to_string(at("out/report.html")).unwrap().contains("Power against strength"));
+    assert!(fs::read_to_string(at("out/reliability.svg")).unwrap().contains("stated probability"));
 }
