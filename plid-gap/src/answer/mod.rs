@@ -1,4 +1,4 @@
-//! Step 9: the answer in names, figures and sentences.
+//! The answer in names, figures and sentences.
 
 mod motion;
 pub mod predict;

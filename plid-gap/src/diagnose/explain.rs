@@ -1,4 +1,5 @@
-//! Steps 3 to 8: which effects explain the gap, and whether they suffice.
+//! From the noise to the verdict: which effects explain the gap, and whether they suffice ("Noise" to "Is it enough?" in
+//! the book's "How it works").
 
 use std::cell::OnceCell;
 

@@ -1,4 +1,4 @@
-//! Step 10: how far the gap shrinks on held-out records.
+//! How much: how far the gap shrinks on held-out records.
 
 use serde::{Deserialize, Serialize};
 
