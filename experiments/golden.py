@@ -48,7 +48,7 @@ SETTINGS = "settings"
 
 
 def diagnosis(case, data):
-    """Returns the name of a case and the arguments of `plid gap diagnose` for it: its file and, elsewhere, its data."""
+    """Returns a case's name and its arguments for `plid gap diagnose`: its file, and the folder of its data."""
     case = Path(case).resolve()
     if case.suffix != ".toml":
         return case.name, [case / "case.toml"]
