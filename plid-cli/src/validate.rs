@@ -164,7 +164,7 @@ fn rows(kind: &str, runs: &[Option<&Run>]) -> String {
         text += &format!("  {kind:<9} {output:<20}");
         for scores in &scores {
             let score = scores.iter().find(|score| &score.output == output);
-            let fit = score.and_then(|s| s.fit_percent).map_or("-".into(), |fit| format!("{fit:.2}"));
+            let fit = score.and_then(|s| s.fit_percent).map_or("–".into(), |fit| format!("{fit:.2}"));
             text += &format!("{fit:>11}{:>10}", percent(score.and_then(|s| s.relative_rms).unwrap_or(f64::NAN)));
         }
         text.push('\n');
@@ -174,7 +174,7 @@ fn rows(kind: &str, runs: &[Option<&Run>]) -> String {
         let error = match run {
             Some(Run::Scored { relative_rms, .. }) => percent(relative_rms.unwrap_or(f64::NAN)),
             Some(Run::Diverged { sample, .. }) => format!("diverges at {sample}"),
-            None => "-".into(),
+            None => "–".into(),
         };
         text += &format!("{error:>21}");
     }
