@@ -1,5 +1,5 @@
-//! From the noise to the verdict: which effects explain the gap, and whether they suffice ("Noise" to "Is it enough?" in
-//! the book's "How it works").
+//! Which effects explain the gap, and whether they suffice: from the noise to the verdict, "Noise" to "Is it enough?"
+//! in the book's "How it works".
 
 use std::cell::OnceCell;
 
