@@ -33,8 +33,10 @@ macro_rules! steps {
     ($($(#[$doc:meta])* $word:literal = $form:ident;)*) => {
         $(
             #[library_benchmark]
-            #[bench::moment_matched_12(args = (12, CovarianceName::$form, ExpectationName::MomentMatched), setup = begun)]
-            #[bench::moment_matched_64(args = (64, CovarianceName::$form, ExpectationName::MomentMatched), setup = begun)]
+            #[bench::moment_matched_12(args = (12, CovarianceName::$form, ExpectationName::MomentMatched),
+                setup = begun)]
+            #[bench::moment_matched_64(args = (64, CovarianceName::$form, ExpectationName::MomentMatched),
+                setup = begun)]
             #[bench::joint_ekf_64(args = (64, CovarianceName::$form, ExpectationName::JointEkf), setup = begun)]
             fn $form(mut steps: Loop<'static>) -> Loop<'static> {
                 steps.step().expect("the workload keeps every variant sound");

@@ -314,7 +314,8 @@ pub fn straighten<'a>(
     }
 }
 
-/// States the number of entries of a stage, the gains of the first of them, and by how much each fit is behind the best.
+/// States the number of entries of a stage, the gains of the first of them, and by how much each fit is behind the
+/// best.
 fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names: &Names) -> String {
     let one = |placed: &Placed, figure: f64| {
         format!("{} at {} ({})", placed.effect.name(), placed.place.location(names), gain(figure))
