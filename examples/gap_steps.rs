@@ -31,12 +31,12 @@ fn steps(case: &Case) -> Result<(), GapError> {
     let library = Library::standard();
     let mut silent = |_| {};
 
-    // 0. The audit of the case, which corrects what can be corrected.
+    // Audit: what can be corrected in the case is corrected.
     let audit = audit(case, &library, &[], &mut silent)?;
     audit.case.warnings.iter().for_each(|warning| println!("audit: {warning}"));
     let model = audit.case.model.as_ref().ok_or_else(|| GapError::Failed("the audit gives a model".into()))?;
 
-    // 1, 2. The simulation in modal form, the noise, the held-out records.
+    // Plant and noise: the simulation in modal form, the noise, the held-out records.
     let mut ready = prepare(model, &audit.case.records, &audit.known)?;
     let names = ready.problem.setting.names.clone();
     println!(
@@ -48,14 +48,14 @@ fn steps(case: &Case) -> Result<(), GapError> {
 
     print_map(&ready);
 
-    // 3. The bounded refit of the simulation within its limits.
+    // Bounded refit of the simulation within its limits.
     let refitted = refit(&ready.problem, REFIT_STEPS);
     ready.renew_missing(&refitted.eta);
     let problem = &ready.problem;
     let rows = problem.rows() as f64;
     println!("after the bounded refit: {:.1} times the noise's power", refitted.cost / rows);
 
-    // 4. The screen of every effect at every location, and whether these records can separate the first two.
+    // Screen: every effect at every location, and whether these records can separate the first two.
     let fit = refitted.as_fit();
     let jacobian = problem.jacobian(&refitted.plant);
     let base = Base {
@@ -69,7 +69,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
     };
     print_screen(&base, &library);
 
-    // 5, 7. Fits of up to three effects, and whether they are sufficient.
+    // Search, and "is it enough?": fits of up to three effects, and whether they are sufficient.
     let rules = Rules { suspects: &[], exclude: &[], without: &[] };
     let found = explain(ready, refitted, &library, &rules, &OnceCell::new(), &mut silent);
     let best = &found.found.best;
@@ -79,21 +79,21 @@ fn steps(case: &Case) -> Result<(), GapError> {
     }
     println!("something else is as likely as {:.2}", found.judged.unknown);
 
-    // 6. Stochastic effects, which a free run cannot show.
+    // Effects that a free run cannot show.
     for noise in stochastic_effects(&found.ready, &library).iter().filter(|u| u.gain > 0.0) {
         println!("in quiet records: {} gains {:.0}", said(&noise.placed, &names), noise.gain);
     }
     let weighted =
         weigh(&found.found.candidates, found.judged.unknown, rows, found.level, &found.ready.problem.settings, &[]);
 
-    // 8. The gap on held-out records.
+    // How much: the gap on held-out records.
     let problem = &found.ready.problem;
     let plant = problem.nuisance.apply(&problem.plant, &found.fit().eta);
     let actions = problem.actions(&found.fit().effects);
     let gaps = gaps(&found, &plant, &actions, &found.refitted.plant, &audit.case.config.nuisance);
     println!("held out: {:.2} % as given, {:.2} % with it", 100.0 * gaps.as_given, 100.0 * gaps.with_effect);
 
-    // 9. The next experiment, which separates the remaining explanations.
+    // What next: the experiment that separates the remaining explanations.
     let predicted = Predicted::new(problem, found.fit());
     let rivals = rivals(&predicted, &best.effects, &found.found.candidates);
     println!(
@@ -106,13 +106,8 @@ fn steps(case: &Case) -> Result<(), GapError> {
 /// Prints where the gap lies.
 fn print_map(ready: &Prepared) {
     let problem = &ready.problem;
-    let map = locate::map(
-        &problem.records,
-        &locate::errors(problem),
-        &ready.noise,
-        problem.plant.rate,
-        problem.settings.case.same_level,
-    );
+    let errors = locate::errors(problem);
+    let map = locate::map(&problem.records, &errors, &ready.noise, problem.plant.rate, &problem.settings);
     for (name, share) in problem.setting.names.outputs.iter().zip(&map.outputs) {
         println!("of the gap at {name}: {:.2} ({:.2} to {:.2})", share.value, share.ci95[0], share.ci95[1]);
     }

@@ -74,7 +74,8 @@ def bend(x, s):
     """sign(x) (s_1 |x| + sum_k s_k ramp_k(|x|)): the first eight s where x >= 0, the others where x < 0."""
     side = s[:8] if x >= 0 else s[8:]
     pieces = zip(side[1:], KNOTS, KNOTS[1:])
-    return math.copysign(1, x) * (side[0] * abs(x) + sum(c * ramp(abs(x), first, second) for c, first, second in pieces))
+    bends = sum(c * ramp(abs(x), first, second) for c, first, second in pieces)
+    return math.copysign(1, x) * (side[0] * abs(x) + bends)
 
 
 def free_rate(x, s):
@@ -208,10 +209,12 @@ SENSORS = {
     "sensor-offset": lambda x, p, t, h: x + p["o"],
     "sensor-drift": lambda x, p, t, h: x + p["s"] * t,
     "sensor-saturation": lambda x, p, t, h: saturation(x, p, lambda x: np.clip(x, -p["a"], p["a"])),
-    "sensor-quantisation": lambda x, p, t, h: np.copysign(np.maximum(abs(x) - p["cut"] * p["q"], 0), x) if p["cut"] > 0 else x,
+    "sensor-quantisation": lambda x, p, t, h: (np.copysign(np.maximum(abs(x) - p["cut"] * p["q"], 0), x)
+                                               if p["cut"] > 0 else x),
     "sensor-crosstalk": lambda x, p, t, h: x + p["c"] * p["from"],
     "mains-hum": lambda x, p, t, h: x + p["a"] * np.sin(TAU * p["f"] * t + p["phi"])
-                                      + sum(p[f"a{n}"] * np.sin(TAU * n * p["f"] * t + p[f"phi{n}"]) for n in (2, 3, 5)),
+                                      + sum(p[f"a{n}"] * np.sin(TAU * n * p["f"] * t + p[f"phi{n}"])
+                                            for n in (2, 3, 5)),
     "sensor-lag": sensor_lag,
     "sensor-delay": sensor_delay,
     "free-sensor": free_curve,
@@ -298,8 +301,8 @@ def over(a, b, h):
 
 
 def in_time(model, q):
-    """A and B in continuous time. Without "continuous" (a pure delay has no logarithm) only the modes have one, each from
-    its own 2 x 2 block; the rest then stands still until the end of a sample."""
+    """A and B in continuous time. Without "continuous" (a pure delay has no logarithm) only the modes have one, each
+    from its own 2 x 2 block; the rest then stands still until the end of a sample."""
     if "continuous" in model:
         return np.array(model["continuous"]["A"]), np.array(model["continuous"]["B"])
     a, b, held = np.zeros_like(model["A"], float), np.zeros_like(model["B"], float), np.array(model["B"])
@@ -383,7 +386,9 @@ def simulate(file, u, t0):
     forces = [force for force in forces if not is_moved(force[2])]
     if forces:
         u, parts = refined(u, parts, max([FORCE_PARTS] + [stiff_parts(*force, rate) for force in forces]))
-    pushes = [(DISTURBANCES[name](t, p), strut(location, model)) for name, location, p in effects if name in DISTURBANCES]
+    pushes = [
+        (DISTURBANCES[name](t, p), strut(location, model)) for name, location, p in effects if name in DISTURBANCES
+    ]
     drifts = [(DRIFTS[name], p) for name, _, p in effects if name in DRIFTS]
     loads = [name for name, _, _ in effects if name.startswith("added-")]
     if drifts and loads:
@@ -472,8 +477,8 @@ def structure(model, q, u, parts, t, forces, pushes, drifts, loop):
             if waits and part == (k + 1) * parts - 1:
                 x[rest] = rest_a @ x[rest] + rest_b @ u[:, k * parts:part + 1].mean(axis=1)
             if forces:
-                # So far the forces were held. What they are at the end of that step says how they change on the way: the
-                # change is a ramp (exponential time differencing of second order, Cox and Matthews 2002).
+                # So far the forces were held. What they are at the end of that step says how they change on the way:
+                # the change is a ramp (exponential time differencing of second order, Cox and Matthews 2002).
                 before, seen = seen, (sees @ x).reshape(-1, 2).tolist()
                 for j, (name, p, _) in enumerate(forces):
                     # Friction that holds its port, or on whose way the velocity passes zero, becomes the force that

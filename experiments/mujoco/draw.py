@@ -5,8 +5,8 @@
     python3 experiments/mujoco/draw.py OUT --cases 12 --seed 3 --outside  # causes that no effect describes
 
 Each folder OUT/NNN has model.xml (the simulator), records, case.toml, and fresh.csv, a record of which no diagnosis
-knows. OUT/labels.json has the causes. The truth is another model with a shorter time step, in which the cause is built in
-Python. Needs `pip install ./python[mujoco]`. score.py compares answers with labels.
+knows. OUT/labels.json has the causes. The truth is another model with a shorter time step, in which the cause is
+built in Python. Needs `pip install ./python[mujoco]`. score.py compares answers with labels.
 """
 
 import argparse
@@ -64,7 +64,8 @@ PLANTS = {
     "arm": dict(
         bodies='<body name="motor"><joint name="drive" type="hinge" axis="0 1 0" damping="{d}" armature=".02"/>'
         '<geom type="sphere" size=".03" mass=".3"/><body name="link"><joint name="elastic" type="hinge" axis="0 1 0" '
-        'stiffness="25" damping=".05"/><geom type="capsule" fromto="0 0 0 0 0 -.35" size=".02" mass="{m}"/></body></body>',
+        'stiffness="25" damping=".05"/><geom type="capsule" fromto="0 0 0 0 0 -.35" size=".02" mass="{m}"/></body>'
+        "</body>",
         actuators='<motor name="torque" joint="drive"/>',
         sensors='<jointpos name="drive" joint="drive"/><jointpos name="elastic" joint="elastic"/>',
         numbers=dict(m=0.6, d=0.2),

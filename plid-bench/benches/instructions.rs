@@ -6,8 +6,8 @@
 //!
 //! Valgrind knows no AVX-512, so what is counted there is the kernels' AVX2 code, whatever the CPU has.
 
-// What the macros make has no documentation.
-#![allow(missing_docs)]
+// What the macros make has no documentation, and the names of types.
+#![allow(missing_docs, non_snake_case)]
 
 use std::process::{Command, Stdio};
 
@@ -28,30 +28,27 @@ fn begun(states: usize, covariance: CovarianceName, expectations: ExpectationNam
     steps
 }
 
-// Gives the recursion back, so that its end is not counted.
-#[library_benchmark]
-#[bench::direct_moment_matched_12(args = (12, CovarianceName::Direct, ExpectationName::MomentMatched), setup = begun)]
-#[bench::direct_moment_matched_64(args = (64, CovarianceName::Direct, ExpectationName::MomentMatched), setup = begun)]
-#[bench::direct_joint_ekf_64(args = (64, CovarianceName::Direct, ExpectationName::JointEkf), setup = begun)]
-#[bench::joseph_moment_matched_12(args = (12, CovarianceName::Joseph, ExpectationName::MomentMatched), setup = begun)]
-#[bench::joseph_moment_matched_64(args = (64, CovarianceName::Joseph, ExpectationName::MomentMatched), setup = begun)]
-#[bench::joseph_joint_ekf_64(args = (64, CovarianceName::Joseph, ExpectationName::JointEkf), setup = begun)]
-#[bench::bierman_ud_moment_matched_12(args = (12, CovarianceName::BiermanUd, ExpectationName::MomentMatched),
-    setup = begun)]
-#[bench::bierman_ud_moment_matched_64(args = (64, CovarianceName::BiermanUd, ExpectationName::MomentMatched),
-    setup = begun)]
-#[bench::bierman_ud_joint_ekf_64(args = (64, CovarianceName::BiermanUd, ExpectationName::JointEkf), setup = begun)]
-#[bench::array_sqrt_moment_matched_12(args = (12, CovarianceName::ArraySqrt, ExpectationName::MomentMatched),
-    setup = begun)]
-#[bench::array_sqrt_moment_matched_64(args = (64, CovarianceName::ArraySqrt, ExpectationName::MomentMatched),
-    setup = begun)]
-#[bench::array_sqrt_joint_ekf_64(args = (64, CovarianceName::ArraySqrt, ExpectationName::JointEkf), setup = begun)]
-fn step(mut steps: Loop<'static>) -> Loop<'static> {
-    steps.step().expect("the workload keeps every variant sound");
-    steps
+/// Benches of every form, each under the form's name. A bench gives the recursion back, so that its end is not counted.
+macro_rules! steps {
+    ($($(#[$doc:meta])* $word:literal = $form:ident;)*) => {
+        $(
+            #[library_benchmark]
+            #[bench::moment_matched_12(args = (12, CovarianceName::$form, ExpectationName::MomentMatched),
+                setup = begun)]
+            #[bench::moment_matched_64(args = (64, CovarianceName::$form, ExpectationName::MomentMatched),
+                setup = begun)]
+            #[bench::joint_ekf_64(args = (64, CovarianceName::$form, ExpectationName::JointEkf), setup = begun)]
+            fn $form(mut steps: Loop<'static>) -> Loop<'static> {
+                steps.step().expect("the workload keeps every variant sound");
+                steps
+            }
+        )*
+
+        library_benchmark_group!(name = steps, benchmarks = [$($form),*]);
+    };
 }
 
-library_benchmark_group!(name = steps, benchmarks = step);
+plid_variants::every_form!(steps);
 
 /// Whether a program can be started.
 fn is_there(program: &str) -> bool {

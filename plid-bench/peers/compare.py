@@ -1,9 +1,9 @@
-"""Runs every peer against plid: checks that both find the same, times them in turn, prints a table and writes peers.json.
+"""Runs every peer against plid: checks that both find the same, times them in turn, prints a table, writes peers.json.
 
     compare.py PROGRAM [--out DIR] [--states 12 30 64] [--only NAME ...] [--repeats 9] [--core 1]
 
-PROGRAM is plid-peers, built. A peer is a process that answers "run so many samples" with seconds of the processor. plid and the peer answer by turns on
-one core, so that whatever else the machine does falls on both.
+PROGRAM is plid-peers, built. A peer is a process that answers "run so many samples" with seconds of the processor. plid
+and the peer answer by turns on one core, so that whatever else the machine does falls on both.
 """
 
 import argparse
@@ -99,7 +99,8 @@ class Served:
         return float(self.answer())
 
     def batch(self):
-        """So many samples that they take about BATCH_S; the batch has then been run once, as what is compiled for its length needs."""
+        """Returns a number of samples that take about BATCH_S. The batch has then been run once, because some peers
+        compile for its length."""
         samples = 1
         while True:
             self.seconds(samples)
@@ -205,7 +206,8 @@ def pin(core):
     return core
 
 
-# Microseconds a step are medians, with the least of all batches in brackets; the ratio is the median of the turns' ratios.
+# Microseconds a step are medians, with the least of all batches in brackets; the ratio is the median of the turns'
+# ratios.
 HEADER = """| peer | version | form | us a step | plid direct, us | ratio | plid in the same form, us | s, P differ by |
 |---|---|---|---|---|---|---|---|"""
 

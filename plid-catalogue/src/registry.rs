@@ -11,8 +11,8 @@ use plid_core::{
     AnyForm, Backend, ConditionalExpectations, Expectation, Form, FormFacts, ImplicitModel, InitialCovariance,
     StepSize, Term,
 };
-use plid_variants::covariance::{ArraySqrt, BiermanUd, Direct, Joseph};
-use plid_variants::expectations::{CertaintyEquivalent, JointEkf, MomentMatched, Posterior, Prior};
+use plid_variants::covariance::*;
+use plid_variants::expectations::*;
 
 use crate::count::Counted;
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{Array2, s};
 use plid::lab::data::{self, MissingPolicy, Table};
-use plid::lab::report::{self, Cell, Report, Trace, trace_plot};
+use plid::lab::report::{self, Cell, Report, Trace, percent, trace_plot};
 use plid::model::{
     CompareOptions, Comparison, Model, NamedModel, OutputScore, Record, Run, Start, Trial, compare,
     estimate_initial_state, simulate,
@@ -88,7 +88,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     } else if voice.quiet {
         Ok(())
     } else {
-        voice::print(&beside(&comparison, &names))
+        voice::print(&printed(&comparison, &names))
     }
 }
 
@@ -122,19 +122,15 @@ fn write(out: &Path, page: &str, json: &str) -> std::io::Result<()> {
     staged.commit(RESULT, &[])
 }
 
-fn percent(value: Option<f64>) -> String {
-    value.map_or("-".into(), |x| format!("{:.3}", 100.0 * x))
-}
-
 /// The table on standard output: a row an output, a pair of columns a model.
-fn beside(comparison: &Comparison, models: &[String]) -> String {
+fn printed(comparison: &Comparison, models: &[String]) -> String {
     let mut text = String::from("fit: 100 is perfect; error: RMS of the error over RMS of the output\n");
     for (k, model) in models.iter().enumerate() {
         text += &format!("  [{}] {model}\n", k + 1);
     }
     for trials in comparison.trials.chunks(models.len()) {
         text += &format!("\n{}\n  {:<9} {:<20}", trials[0].record, "", "");
-        text.extend((1..=models.len()).map(|k| format!("{:>21}", format!("[{k}] fit %   error %"))));
+        text.extend((1..=models.len()).map(|k| format!("{:>21}", format!("[{k}] fit %     error"))));
         text.push('\n');
         let free_runs: Vec<Option<&Run>> = trials.iter().map(|trial| Some(&trial.free_run)).collect();
         let one_steps: Vec<Option<&Run>> = trials.iter().map(|trial| trial.one_step.as_ref()).collect();
@@ -168,17 +164,17 @@ fn rows(kind: &str, runs: &[Option<&Run>]) -> String {
         text += &format!("  {kind:<9} {output:<20}");
         for scores in &scores {
             let score = scores.iter().find(|score| &score.output == output);
-            let fit = score.and_then(|s| s.fit_percent).map_or("-".into(), |fit| format!("{fit:.2}"));
-            text += &format!("{fit:>11}{:>10}", percent(score.and_then(|s| s.relative_rms)));
+            let fit = score.and_then(|s| s.fit_percent).map_or("–".into(), |fit| format!("{fit:.2}"));
+            text += &format!("{fit:>11}{:>10}", percent(score.and_then(|s| s.relative_rms).unwrap_or(f64::NAN)));
         }
         text.push('\n');
     }
     text += &format!("  {kind:<9} {:<20}", "all");
     for run in runs {
         let error = match run {
-            Some(Run::Scored { relative_rms, .. }) => percent(*relative_rms),
+            Some(Run::Scored { relative_rms, .. }) => percent(relative_rms.unwrap_or(f64::NAN)),
             Some(Run::Diverged { sample, .. }) => format!("diverges at {sample}"),
-            None => "-".into(),
+            None => "–".into(),
         };
         text += &format!("{error:>21}");
     }
@@ -222,11 +218,11 @@ fn verdict(best: &Trial, alone: bool) -> String {
         return format!("On {} {}.", best.record, if alone { "the model diverges" } else { "every model diverges" });
     }
     format!(
-        "On {}, {}{} is off by {} % (RMS of the error over RMS of the output).",
+        "On {}, {}{} is off by {} (RMS of the error over RMS of the output).",
         best.record,
         best.model,
         if alone { " in free run" } else { " simulates best: its free run" },
-        percent(Some(error))
+        percent(error)
     )
 }
 

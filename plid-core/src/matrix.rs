@@ -20,10 +20,16 @@ pub struct ViewMut<'a, S> {
     stride: usize,
 }
 
-/// The accessors of both views.
+/// What both views have: a view of `$data`, whose columns are read as `$column`.
 macro_rules! shape_and_entries {
-    ($view:ident) => {
-        impl<S: Scalar> $view<'_, S> {
+    ($view:ident<$a:lifetime>, $data:ty, $column:ty) => {
+        impl<$a, S: Scalar> $view<$a, S> {
+            /// A `rows` x `columns` view of `data`, columns `stride` apart. Panics if `data` is too short.
+            pub fn new(data: $data, rows: usize, columns: usize, stride: usize) -> Self {
+                assert!(stride >= rows && (columns == 0 || data.len() >= (columns - 1) * stride + rows));
+                Self { data, rows, columns, stride }
+            }
+
             /// The number of rows.
             pub fn rows(&self) -> usize {
                 self.rows
@@ -44,29 +50,23 @@ macro_rules! shape_and_entries {
             pub fn at(&self, i: usize, j: usize) -> S {
                 self.data[i + j * self.stride]
             }
+
+            /// Column `j`.
+            #[inline]
+            pub fn column(&self, j: usize) -> $column {
+                &self.data[j * self.stride..j * self.stride + self.rows]
+            }
         }
     };
 }
 
-shape_and_entries!(View);
-shape_and_entries!(ViewMut);
+shape_and_entries!(View<'a>, &'a [S], &'a [S]);
+shape_and_entries!(ViewMut<'a>, &'a mut [S], &[S]);
 
 impl<'a, S: Scalar> View<'a, S> {
-    /// A `rows` x `columns` view of `data`, columns `stride` apart. Panics if `data` is too short.
-    pub fn new(data: &'a [S], rows: usize, columns: usize, stride: usize) -> Self {
-        assert!(stride >= rows && (columns == 0 || data.len() >= (columns - 1) * stride + rows));
-        Self { data, rows, columns, stride }
-    }
-
     /// The entries, from (0, 0) on, gaps between columns included.
     pub fn data(&self) -> &'a [S] {
         self.data
-    }
-
-    /// Column `j`.
-    #[inline]
-    pub fn column(&self, j: usize) -> &'a [S] {
-        &self.data[j * self.stride..j * self.stride + self.rows]
     }
 
     /// The `rows` x `columns` block whose first entry is (row, column).
@@ -78,12 +78,6 @@ impl<'a, S: Scalar> View<'a, S> {
 }
 
 impl<'a, S: Scalar> ViewMut<'a, S> {
-    /// A `rows` x `columns` view of `data`, columns `stride` apart. Panics if `data` is too short.
-    pub fn new(data: &'a mut [S], rows: usize, columns: usize, stride: usize) -> Self {
-        assert!(stride >= rows && (columns == 0 || data.len() >= (columns - 1) * stride + rows));
-        Self { data, rows, columns, stride }
-    }
-
     /// The entries, from (0, 0) on, gaps between columns included.
     pub fn data_mut(&mut self) -> &mut [S] {
         self.data
@@ -98,12 +92,6 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
     /// This view once more, for a shorter time.
     pub fn reborrow(&mut self) -> ViewMut<'_, S> {
         ViewMut { data: self.data, rows: self.rows, columns: self.columns, stride: self.stride }
-    }
-
-    /// Column `j`.
-    #[inline]
-    pub fn column(&self, j: usize) -> &[S] {
-        &self.data[j * self.stride..j * self.stride + self.rows]
     }
 
     /// Column `j`, to be written to.

@@ -19,6 +19,20 @@ pub(crate) fn likelihood_cell(difference: f64) -> Cell {
     if difference.abs() > OVERWHELMING { "overwhelming (> 10^300 : 1)".into() } else { Cell::fixed(difference, 1) }
 }
 
+/// Formats a reduction of the sum of squares, which is twice a difference in log likelihood, for a line of progress.
+pub(crate) fn gain(reduction: f64) -> String {
+    if is_overwhelming(reduction) { "> 10^300 : 1".into() } else { format!("{reduction:.0}") }
+}
+
+/// Formats a reduction of the sum of squares for a table, with one decimal.
+pub(crate) fn gain_cell(reduction: f64) -> Cell {
+    if is_overwhelming(reduction) { likelihood_cell(reduction / 2.0) } else { Cell::fixed(reduction, 1) }
+}
+
+fn is_overwhelming(reduction: f64) -> bool {
+    reduction.abs() / 2.0 > OVERWHELMING
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -31,5 +45,12 @@ mod tests {
             assert!(likelihood(large).contains("10^300 : 1"));
             assert_eq!(likelihood_cell(large).to_string(), "overwhelming (> 10^300 : 1)");
         }
+    }
+
+    #[test]
+    fn a_gain_is_twice_a_likelihood() {
+        assert_eq!((gain(1999.4), gain_cell(1999.4).to_string()), ("1999".into(), "1999.4".into()));
+        assert_eq!(gain(2001.0), "> 10^300 : 1");
+        assert_eq!(gain_cell(2001.0).to_string(), "overwhelming (> 10^300 : 1)");
     }
 }

@@ -345,11 +345,12 @@ fn coverage(
     };
     let Some(known) = library.get(&effect.effect) else { return BTreeMap::new() };
     // Without declared ports a force and a motion have units of the diagnosis's own.
-    let strut = effect.effect != "missing-mode"
+    let is_force = effect.effect != "missing-mode"
         && matches!(known.side(), plid_gap::effects::Side::Structure | plid_gap::effects::Side::Disturbance)
         && !effect.effect.starts_with("modal");
     let declared = truth.nuisances().get("ports").is_some_and(|ports| ports == "yes");
-    if said.effect != effect.effect || !effect.is_at(&said.location) || !effect.own_equation || (strut && !declared) {
+    if said.effect != effect.effect || !effect.is_at(&said.location) || !effect.own_equation || (is_force && !declared)
+    {
         return BTreeMap::new();
     }
     covers(effect, said, &known.parameters(setting))

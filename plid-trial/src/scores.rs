@@ -543,7 +543,7 @@ mod tests {
         assert_eq!((all.shrink_median, all.shrink_of), (Some(0.9), 2));
         assert_eq!((all.parameters_covered.hits, all.parameters_covered.of), (3, 6));
         assert_eq!(scores.totals(ALL, ALL, 1).unwrap().parameters_covered.of, 0);
-        // Seven of 34 names are of the strut, four of the linear sensors.
+        // Seven of 34 names are of a port, four of the linear sensors.
         assert!((scores.chance.family.unwrap() - (3.0 * 7.0 + 4.0) / 4.0 / 34.0).abs() < 1e-12);
         assert_eq!((scores.time.total_s, scores.time.longest_s), (6.0, Some(4.0)));
         // The part of a single channel has a weak effect and a false alarm.

@@ -7,6 +7,8 @@ use plid_testbed::effects::own::{self, Side};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::vocabulary::{LINEAR_STRUCTURE, NONLINEAR_STRUCTURE};
+
 /// label.json.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Truth {
@@ -45,11 +47,6 @@ pub struct TrueEffect {
     pub own_equation: bool,
 }
 
-/// Effects inside the structure, at the port of an input.
-const STRUT: &str = "structure-nonlinear";
-/// Effects of a mode.
-const MODAL: &str = "structure-linear";
-
 impl Truth {
     /// Returns the effects; the list is empty if nothing is missing.
     pub fn at_work(&self) -> impl Iterator<Item = &TrueEffect> {
@@ -85,11 +82,11 @@ impl TrueEffect {
         let (kind, at) = location.split_once(':').unwrap_or((location, ""));
         let family = crate::vocabulary::family(&self.effect).unwrap_or("");
         let number = self.loc + 1;
-        let at_strut =
+        let at_port =
             || (kind == "input" && at == format!("u{number}")) || (kind == "port" && at == format!("strut{number}"));
         if let Some(truth) = own::find(&self.effect) {
             return match truth.side() {
-                Side::Strut => at_strut(),
+                Side::Port => at_port(),
                 Side::Actuator => kind == "input" && at == format!("u{number}"),
                 Side::Sensor => kind == "output" && at == format!("y{number}"),
             };
@@ -105,11 +102,11 @@ impl TrueEffect {
             "actuator-crosstalk" => pair('u'),
             "sensor-crosstalk" => pair('y'),
             "stiffness-drift" => true,
-            name if name.starts_with("added-") => at_strut(),
+            name if name.starts_with("added-") => at_port(),
             name if name.starts_with("actuator") => kind == "input" && at == format!("u{number}"),
             name if name.starts_with("sensor") || name == "mains-hum" => kind == "output" && at == format!("y{number}"),
-            _ if family == STRUT => at_strut(),
-            _ if family == MODAL => near(self.hz, 0.05),
+            _ if family == NONLINEAR_STRUCTURE => at_port(),
+            _ if family == LINEAR_STRUCTURE => near(self.hz, 0.05),
             _ => self.par.get(1).is_some_and(|hz| near(*hz, 0.1)),
         }
     }

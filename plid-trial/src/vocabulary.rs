@@ -39,11 +39,13 @@ const fn kind(name: &'static str, family: &'static str, at: At, near_misses: &'s
     Kind { name, family, at, near_misses }
 }
 
-const STRUT: &str = "structure-nonlinear";
-const MODAL: &str = "structure-linear";
-const BENT_ACTUATOR: &str = "actuator-nonlinear";
+/// Effects inside the structure, at the port of an input.
+pub(crate) const NONLINEAR_STRUCTURE: &str = "structure-nonlinear";
+/// Effects of a mode, and of a load that moves modes.
+pub(crate) const LINEAR_STRUCTURE: &str = "structure-linear";
+const NONLINEAR_ACTUATOR: &str = "actuator-nonlinear";
 const ACTUATOR: &str = "actuator-linear";
-const BENT_SENSOR: &str = "sensor-nonlinear";
+const NONLINEAR_SENSOR: &str = "sensor-nonlinear";
 const SENSOR: &str = "sensor-linear";
 const ADDED: &str = "sensor-additive";
 const TIME: &str = "time";
@@ -51,27 +53,27 @@ const DISTURBANCE: &str = "disturbance";
 
 /// The vocabulary as far as it is drawn on structures.
 pub const VOCABULARY: [Kind; 33] = [
-    kind("cubic-stiffness", STRUT, At::Input, &["power", "straightening"]),
-    kind("quadratic-stiffness", STRUT, At::Input, &["one-sided"]),
-    kind("coulomb-friction", STRUT, At::Input, &["root", "stribeck"]),
-    kind("clearance", STRUT, At::Input, &["rounded", "asymmetric"]),
-    kind("iwan-joint", STRUT, At::Input, &["kink"]),
-    kind("joint-hysteresis", STRUT, At::Input, &["dahl", "sharp"]),
-    kind("quadratic-damping", STRUT, At::Input, &["power", "asymmetric"]),
-    kind("modal-frequency", MODAL, At::Mode, &[]),
-    kind("modal-damping", MODAL, At::Mode, &[]),
-    kind("missing-mode", MODAL, At::Whole, &[]),
-    kind("actuator-saturation", BENT_ACTUATOR, At::Input, &["clip", "arctangent"]),
-    kind("actuator-dead-zone", BENT_ACTUATOR, At::Input, &["rounded", "asymmetric"]),
-    kind("actuator-hysteresis", BENT_ACTUATOR, At::Input, &["dahl", "sharp"]),
-    kind("actuator-slew-limit", BENT_ACTUATOR, At::Input, &["soft"]),
+    kind("cubic-stiffness", NONLINEAR_STRUCTURE, At::Input, &["power", "straightening"]),
+    kind("quadratic-stiffness", NONLINEAR_STRUCTURE, At::Input, &["one-sided"]),
+    kind("coulomb-friction", NONLINEAR_STRUCTURE, At::Input, &["root", "stribeck"]),
+    kind("clearance", NONLINEAR_STRUCTURE, At::Input, &["rounded", "asymmetric"]),
+    kind("iwan-joint", NONLINEAR_STRUCTURE, At::Input, &["kink"]),
+    kind("joint-hysteresis", NONLINEAR_STRUCTURE, At::Input, &["dahl", "sharp"]),
+    kind("quadratic-damping", NONLINEAR_STRUCTURE, At::Input, &["power", "asymmetric"]),
+    kind("modal-frequency", LINEAR_STRUCTURE, At::Mode, &[]),
+    kind("modal-damping", LINEAR_STRUCTURE, At::Mode, &[]),
+    kind("missing-mode", LINEAR_STRUCTURE, At::Whole, &[]),
+    kind("actuator-saturation", NONLINEAR_ACTUATOR, At::Input, &["clip", "arctangent"]),
+    kind("actuator-dead-zone", NONLINEAR_ACTUATOR, At::Input, &["rounded", "asymmetric"]),
+    kind("actuator-hysteresis", NONLINEAR_ACTUATOR, At::Input, &["dahl", "sharp"]),
+    kind("actuator-slew-limit", NONLINEAR_ACTUATOR, At::Input, &["soft"]),
     kind("actuator-lag", ACTUATOR, At::Input, &[]),
     kind("actuator-gain", ACTUATOR, At::Input, &[]),
     kind("actuator-delay", ACTUATOR, At::InputOrAll, &[]),
     kind("actuator-crosstalk", ACTUATOR, At::InputPair, &[]),
-    kind("sensor-saturation", BENT_SENSOR, At::Output, &["tanh", "arctangent"]),
-    kind("sensor-quantisation", BENT_SENSOR, At::Output, &["truncate"]),
-    kind("sensor-dropout", BENT_SENSOR, At::Output, &["half"]),
+    kind("sensor-saturation", NONLINEAR_SENSOR, At::Output, &["tanh", "arctangent"]),
+    kind("sensor-quantisation", NONLINEAR_SENSOR, At::Output, &["truncate"]),
+    kind("sensor-dropout", NONLINEAR_SENSOR, At::Output, &["half"]),
     kind("sensor-gain", SENSOR, At::Output, &[]),
     kind("sensor-delay", SENSOR, At::Output, &["interpolated"]),
     kind("sensor-lag", SENSOR, At::Output, &["two-poles"]),
@@ -91,14 +93,14 @@ pub const VOCABULARY: [Kind; 33] = [
 /// modes. Stops and friction that sticks have its clearance and its Stribeck curve for near relatives, and nothing
 /// swings.
 pub const OF_AXES: [Kind; 8] = [
-    kind("added-mass", MODAL, At::Input, &[]),
-    kind("added-damping", MODAL, At::Input, &[]),
-    kind("added-stiffness", MODAL, At::Input, &[]),
-    kind("backlash", STRUT, At::Input, &["rounded"]),
-    kind("end-stop", STRUT, At::Input, &[]),
-    kind("gravity-sine", STRUT, At::Input, &[]),
-    kind("one-sided-stop", STRUT, At::Input, &[]),
-    kind("stick-friction", STRUT, At::Input, &["lorentzian"]),
+    kind("added-mass", LINEAR_STRUCTURE, At::Input, &[]),
+    kind("added-damping", LINEAR_STRUCTURE, At::Input, &[]),
+    kind("added-stiffness", LINEAR_STRUCTURE, At::Input, &[]),
+    kind("backlash", NONLINEAR_STRUCTURE, At::Input, &["rounded"]),
+    kind("end-stop", NONLINEAR_STRUCTURE, At::Input, &[]),
+    kind("gravity-sine", NONLINEAR_STRUCTURE, At::Input, &[]),
+    kind("one-sided-stop", NONLINEAR_STRUCTURE, At::Input, &[]),
+    kind("stick-friction", NONLINEAR_STRUCTURE, At::Input, &["lorentzian"]),
 ];
 
 const OUTSIDE: &str = "outside";
@@ -120,7 +122,7 @@ const OWN: &str = "own";
 /// Returns the effects that this program has added to the testbed.
 pub fn own() -> Vec<Kind> {
     let at = |side| match side {
-        Side::Strut | Side::Actuator => At::Input,
+        Side::Port | Side::Actuator => At::Input,
         Side::Sensor => At::Output,
     };
     own::all().into_iter().map(|truth| kind(truth.name(), OWN, at(truth.side()), truth.near_misses())).collect()

@@ -31,8 +31,8 @@ class FilterPy:
 
 
 class FilterPySquareRoot:
-    """SquareRootKalmanFilter. Its `Q` must be positive definite, which Qbar is not: the parameters have no noise. So the factor
-    behind it is set, Cholesky's of the states' block."""
+    """SquareRootKalmanFilter. Its `Q` must be positive definite, which Qbar is not: the parameters have no noise. So
+    the factor behind it is set, Cholesky's of the states' block."""
 
     def __init__(self, case: Case):
         self.case = case

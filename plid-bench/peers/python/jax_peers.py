@@ -1,4 +1,5 @@
-"""The joint filter in JAX, compiled, in double precision: dense and by blocks; each as one scan over the record, and step by step."""
+"""The joint filter in JAX, compiled, in double precision: dense and by blocks; each as one scan over the record, and
+step by step."""
 
 from functools import partial
 
@@ -58,8 +59,8 @@ def dense(shapes: Shapes, state, sample):
 
 
 def structured(shapes: Shapes, state, sample):
-    """Only the n state rows and columns that F changes. Products with p columns are written as sums of p outer products: those are
-    fused into one sweep over P, a matrix product would be stored first."""
+    """Only the n state rows and columns that F changes. Products with p columns are written as sums of p outer
+    products: those are fused into one sweep over P, a matrix product would be stored first."""
     (s, P), (z, u), n, rows = state, sample, shapes.n, shapes.rows
 
     def outer(left, right):
@@ -72,7 +73,8 @@ def structured(shapes: Shapes, state, sample):
     blocks = [(w, slice((1 + k) * n, (2 + k) * n)) for k, w in enumerate(phi)]
     # The state rows of F P, n x N; then their state columns once more.
     moved = shapes.shift(P[:n]) + outer(A, P[rows].T) + sum(w * P[block] for w, block in blocks)
-    corner = shapes.shift(moved[:, :n].T).T + moved[:, rows] @ A.T + sum(w * moved[:, block] for w, block in blocks) + Qbar
+    corner = shapes.shift(moved[:, :n].T).T + moved[:, rows] @ A.T
+    corner = corner + sum(w * moved[:, block] for w, block in blocks) + Qbar
     moved = moved.at[:, :n].set(corner)
     return s, P.at[:n].set(moved).at[n:, :n].set(moved[:, n:].T)
 
@@ -83,7 +85,8 @@ class Jax:
     def __init__(self, case: Case, step, scan: bool):
         step = partial(step, Shapes(case))
         if scan:
-            self.scan = jax.jit(lambda state, z, u: jax.lax.scan(lambda state, zu: (step(state, zu), None), state, (z, u))[0])
+            carried = lambda state, zu: (step(state, zu), None)
+            self.scan = jax.jit(lambda state, z, u: jax.lax.scan(carried, state, (z, u))[0])
         else:
             self.scan = None
             self.step = jax.jit(lambda state, z, u: step(state, (z, u)), donate_argnums=0)

@@ -60,7 +60,8 @@ class NumpyDense:
 
 
 class NumpyStructured:
-    """Only what F changes: the n state rows and columns, by block additions. P in place, through BLAS where it is one update."""
+    """Only what F changes: the n state rows and columns, by block additions. P in place, through BLAS where it is one
+    update."""
 
     def __init__(self, case: Case):
         self.case = case
@@ -75,7 +76,8 @@ class NumpyStructured:
         first = ~J.any(axis=1)
         theta = s[n:].reshape(-1, n)
         for k in range(len(z)):
-            # Measurement update: with Re = L L^T and W = P H^T L^-T, K e = W L^-1 e and P <- P - W W^T, which is exactly symmetric.
+            # Measurement update: with Re = L L^T and W = P H^T L^-T, K e = W L^-1 e and P <- P - W W^T, which is
+            # exactly symmetric.
             PHt = P[:, rows]
             Linv = np.linalg.inv(np.linalg.cholesky(PHt[rows] + case.R))
             W = PHt @ Linv.T

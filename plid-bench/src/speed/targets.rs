@@ -35,10 +35,10 @@ pub fn targets(outcome: &Outcome, peers: Option<&Peers>) -> Vec<Target> {
     targets.extend(all_expectations().into_iter().filter_map(|e| passes(outcome, e)));
     for form in Form::all().into_iter().filter(|&form| form != Form::Direct) {
         for noise in [Noise::Diagonal, Noise::Full] {
-            targets.extend(all_expectations().into_iter().filter_map(|e| beside_direct(outcome, form, e, noise)));
+            targets.extend(all_expectations().into_iter().filter_map(|e| against_direct(outcome, form, e, noise)));
         }
     }
-    targets.extend(peers.map(beside_peers).unwrap_or_default());
+    targets.extend(peers.map(against_peers).unwrap_or_default());
     targets.extend(slopes(outcome));
     for form in Form::all() {
         targets.extend(single_precision(outcome, form));
@@ -71,7 +71,7 @@ fn passes(outcome: &Outcome, expectations: Expectation) -> Option<Target> {
     Some(at_most(what, timing.passes, 3.0, "passes over P", || reason(outcome, timing, limit_us)))
 }
 
-fn beside_direct(outcome: &Outcome, form: Form, expectations: Expectation, noise: Noise) -> Option<Target> {
+fn against_direct(outcome: &Outcome, form: Form, expectations: Expectation, noise: Noise) -> Option<Target> {
     let of = |form| outcome.of(STATES, form, expectations, |cell| cell.noise = noise);
     let (timing, direct) = (of(form)?, of(Form::Direct)?);
     let found = timing.passes / direct.passes;
@@ -114,7 +114,7 @@ fn reason(outcome: &Outcome, timing: &Timing, target_us: f64) -> String {
     }
 }
 
-fn beside_peers(peers: &Peers) -> Vec<Target> {
+fn against_peers(peers: &Peers) -> Vec<Target> {
     let kinds = [(true, "structured", 5.0), (false, "dense", 25.0)];
     let target = |(structured, kind, limit): (bool, &str, f64)| {
         let peer = peers.fastest(STATES, structured)?;

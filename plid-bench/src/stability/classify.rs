@@ -1,6 +1,6 @@
 //! The complete rule that decides whether a cell is sound, degraded or lost.
 
-use plid_catalogue::{CovarianceName, ScalarName};
+use plid_catalogue::ScalarName;
 use plid_core::ObservableForm;
 use plid_identify::ToModel;
 use plid_model::{FrequencyResponse, ModelError};
@@ -94,7 +94,7 @@ pub fn judge(cells: Vec<Cell>) -> Result<Vec<Judged>, ModelError> {
     cells
         .into_iter()
         .map(|cell| {
-            let peer = peers.iter().find(|p| p.group == cell.group && p.form == peer_form(&cell));
+            let peer = peers.iter().find(|p| p.group == cell.group && p.form == cell.group.peer_of(cell.form));
             let response = match peer {
                 Some(peer) if cell.group.scenario.tells_every_response() => response_difference(&cell, peer)?,
                 _ => None,
@@ -102,16 +102,6 @@ pub fn judge(cells: Vec<Cell>) -> Result<Vec<Judged>, ModelError> {
             Ok(with_class(cell, peer, response))
         })
         .collect()
-}
-
-/// In f64, Bierman UD. Parameter noise enters a matrix in another way than a factor, which makes another filter of it;
-/// the peer of a matrix is then the direct form.
-fn peer_form(cell: &Cell) -> CovarianceName {
-    if !cell.form.is_factored() && cell.group.parameter_noise > 0.0 {
-        CovarianceName::Direct
-    } else {
-        CovarianceName::BiermanUd
-    }
 }
 
 fn with_class(cell: Cell, peer: Option<&Cell>, response: Option<f64>) -> Judged {
@@ -186,6 +176,8 @@ fn frequency_response(cell: &Cell) -> Result<FrequencyResponse, ModelError> {
 
 #[cfg(test)]
 mod tests {
+    use plid_catalogue::CovarianceName;
+
     use super::*;
     use crate::stability::cell::{ErrorAt, Indefinite, Stop};
     use crate::stability::config::Config;

@@ -52,6 +52,10 @@ pub struct Group {
 
 /// The step at which the long run is compared with double precision.
 const COMPARED_AT: usize = 100_000;
+/// The form that others are judged against.
+pub const FACTORED_PEER: CovarianceName = CovarianceName::BiermanUd;
+/// The form that carries P itself, against which such forms are judged where there is parameter noise.
+pub const MATRIX_PEER: CovarianceName = CovarianceName::Direct;
 /// The scalars that are judged.
 pub const SCALARS: [ScalarName; 2] = [ScalarName::F32, ScalarName::F64];
 
@@ -67,11 +71,25 @@ impl Group {
         format!("{part}, {}, n = {}", self.label, self.states)
     }
 
-    /// The forms that cells are judged against, and that the references are taken from: parameter noise enters a matrix
-    /// in another way than a factor.
+    /// The form in f64 that a form is judged against: [`FACTORED_PEER`]. Parameter noise enters a matrix in another way
+    /// than a factor, which makes another filter of it; a matrix is then judged against [`MATRIX_PEER`].
+    pub fn peer_of(&self, form: CovarianceName) -> CovarianceName {
+        if self.parameter_noise > 0.0 && !form.is_factored() { MATRIX_PEER } else { FACTORED_PEER }
+    }
+
+    /// The forms that cells are judged against.
     pub fn peers(&self) -> Vec<CovarianceName> {
-        let matrix = (self.parameter_noise > 0.0).then_some(CovarianceName::Direct);
-        std::iter::once(CovarianceName::BiermanUd).chain(matrix).collect()
+        let mut peers = vec![FACTORED_PEER];
+        peers.extend((self.parameter_noise > 0.0).then_some(MATRIX_PEER));
+        peers
+    }
+
+    /// The forms whose references in double-double the group needs. One serves all forms unless there is parameter
+    /// noise; a matrix is much faster there.
+    pub fn references(&self) -> Vec<CovarianceName> {
+        let mut references = vec![MATRIX_PEER];
+        references.extend((self.parameter_noise > 0.0).then_some(FACTORED_PEER));
+        references
     }
 
     /// The steps of a cell: the long run is single precision's; double is there to be compared with.
@@ -96,7 +114,7 @@ impl Config {
     pub fn cells(&self, group: &Group) -> Vec<(CovarianceName, ScalarName)> {
         let both = |form: CovarianceName| SCALARS.map(|scalar| (form, scalar));
         if group.part == Part::Long {
-            return both(CovarianceName::BiermanUd).to_vec();
+            return both(FACTORED_PEER).to_vec();
         }
         let peers = group.peers().into_iter().filter(|peer| !self.covariance.contains(peer));
         let peers = peers.map(|peer| (peer, ScalarName::F64));

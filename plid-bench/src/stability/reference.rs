@@ -8,7 +8,7 @@ use qd::Quad;
 use serde::{Deserialize, Serialize};
 
 use super::covariance::{condition, deviations, quads, scaled_difference};
-use super::group::one_three;
+use super::group::{FACTORED_PEER, one_three};
 use super::problem::Problem;
 
 /// s and P after a number of steps.
@@ -79,7 +79,7 @@ pub fn reference(
     let mut own_error = None;
     if !factored && problem.group.parameter_noise == 0.0 {
         let at: Vec<usize> = one_three(COMPARED_AT.min(steps)).into_iter().next_back().into_iter().collect();
-        let Some(others) = run(problem, CovarianceName::BiermanUd, &at, may_go_on)? else { return Ok(None) };
+        let Some(others) = run(problem, FACTORED_PEER, &at, may_go_on)? else { return Ok(None) };
         own_error = others.first().and_then(|other| {
             let same = snapshots.iter().find(|s| s.step == other.step)?;
             let difference = scaled_difference(&same.covariance, &other.covariance, &other.deviations);

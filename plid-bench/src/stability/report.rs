@@ -6,7 +6,7 @@ use plid_report::{Axis, Cell as Field, Chart, Report, Series, Table, chart};
 
 use super::classify::{Judged, rule};
 use super::grid::{self, Grid, draw};
-use super::group::{Part, SCALARS, word};
+use super::group::{FACTORED_PEER, MATRIX_PEER, Part, SCALARS, word};
 use super::outcome::Outcome;
 use super::verdicts::name;
 
@@ -189,10 +189,9 @@ fn free_runs(outcome: &Outcome) -> Table {
     )
     .column("n", "")
     .column("setting", "");
-    let shown =
-        pairs().into_iter().filter(|&(form, scalar)| scalar == ScalarName::F32 || form != CovarianceName::Joseph);
-    let shown: Vec<_> =
-        shown.filter(|&(form, scalar)| scalar == ScalarName::F32 || form != CovarianceName::ArraySqrt).collect();
+    // In f64, those forms that others are judged against.
+    let is_shown = |&(form, scalar): &_| scalar == ScalarName::F32 || [FACTORED_PEER, MATRIX_PEER].contains(&form);
+    let shown: Vec<_> = pairs().into_iter().filter(is_shown).collect();
     for &(form, scalar) in &shown {
         table = table.column(format!("{} {}", word(&form), word(&scalar)), "%");
     }
@@ -204,8 +203,8 @@ fn free_runs(outcome: &Outcome) -> Table {
             let error = j.filter(|j| j.lost_at.is_none()).and_then(|j| j.cell.free_run);
             Field::significant(100.0 * error.unwrap_or(f64::NAN), 3)
         };
-        let nees = find(&outcome.cells, part, label, states, (CovarianceName::BiermanUd, ScalarName::F64))
-            .and_then(|j| j.cell.nees);
+        let nees =
+            find(&outcome.cells, part, label, states, (FACTORED_PEER, ScalarName::F64)).and_then(|j| j.cell.nees);
         let first: [Field; 2] = [states.into(), label.into()];
         let last = Field::significant(nees.unwrap_or(f64::NAN), 3);
         let cells: Vec<Field> = first.into_iter().chain(cells.iter().map(percent)).chain([last]).collect();

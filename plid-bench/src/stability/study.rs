@@ -68,7 +68,7 @@ pub fn run(
     let journal = study.journal.into_inner().unwrap_or_else(PoisonError::into_inner);
     let mut found = Found { cells: Vec::new(), references: Vec::new() };
     for group in &groups {
-        for name in references(group) {
+        for name in group.references() {
             if let Some(Entry::Reference(reference)) = journal.get(&reference_key(group, name)) {
                 found.references.push(reference.clone());
             }
@@ -93,15 +93,6 @@ pub fn merge(config: &Config, directory: &Path) -> Result<usize, StudyError> {
 /// The work of so many steps, in entries of P gone through, thousands.
 fn work(group: &Group, steps: usize) -> usize {
     steps * group.joint_states().pow(2) / 1000
-}
-
-/// The forms that a group needs references of: parameter noise enters factored forms in another way.
-fn references(group: &Group) -> Vec<CovarianceName> {
-    if group.parameter_noise > 0.0 {
-        vec![CovarianceName::Direct, CovarianceName::BiermanUd]
-    } else {
-        vec![CovarianceName::Direct]
-    }
 }
 
 fn reference_key(group: &Group, form: CovarianceName) -> String {
@@ -140,7 +131,7 @@ impl Study<'_> {
             return Ok(());
         };
         let mut known: Vec<(bool, Reference)> = Vec::new();
-        for name in references(group) {
+        for name in group.references() {
             let go = self.ticker(group, DEARER);
             let found = reference(&problem, name, &go).map_err(StudyError::cell(&key))?;
             let found = found.ok_or_else(|| self.lock().interrupted())?;

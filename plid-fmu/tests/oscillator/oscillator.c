@@ -209,9 +209,9 @@ int fmi2DoStep(void *of, double time, double step, int no_way_back) {
     return advance(of, time, step);
 }
 #else
-void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible, bool logging,
-                                  bool events, bool early, const uint32_t *required, size_t count, void *environment,
-                                  logger log, void *update) {
+void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible,
+                                  bool logging, bool events, bool early, const uint32_t *required, size_t count,
+                                  void *environment, logger log, void *update) {
     (void)name, (void)visible, (void)logging, (void)required, (void)update;
     if (strcmp(token, "{oscillator}") != 0 || resources[0] == 'f' || events || early || count != 0) {
         log(environment, ERROR, "logStatusError", "no GUID of this FMU");

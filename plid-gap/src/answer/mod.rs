@@ -1,4 +1,4 @@
-//! Step 9: the answer in names, figures and sentences.
+//! The answer in names, figures and sentences.
 
 mod motion;
 pub mod predict;
@@ -285,7 +285,7 @@ pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Bl
 }
 
 /// Largest number of entries of a screen that are named as nearest to a remainder: more would not be read.
-const MOST_NEAREST: usize = 3;
+pub(crate) const MOST_NEAREST: usize = 3;
 
 #[cfg(test)]
 mod tests {

@@ -25,6 +25,7 @@ use crate::settings::step::Step;
 use surrogate::Surrogate;
 
 pub use rewire::Mismatch;
+pub(crate) use stable::ON_THE_CIRCLE;
 
 /// The result of an audit.
 #[derive(Debug, Clone)]

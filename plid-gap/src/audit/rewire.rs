@@ -58,6 +58,10 @@ impl Mismatch {
     }
 }
 
+/// Share of the least price below which the price of another wiring must lie to replace it. Wirings that are
+/// equivalent, such as all inputs or all outputs negated, differ by rounding alone; of these the first is kept.
+const LOWER: f64 = 0.999;
+
 /// Looks for a mismatch.
 ///
 /// # Errors
@@ -83,7 +87,7 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     let mut least = price(&responses, &best, settings);
     let mut take = |wiring: Wiring, best: &mut Wiring| {
         let price = price(&responses, &wiring, settings);
-        if price < 0.999 * least {
+        if price < LOWER * least {
             (least, *best) = (price, wiring);
         }
     };
@@ -103,7 +107,7 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     let after = responses.gap(&best);
     // A simulation that is scaled down to nothing leaves a gap of one.
     let least = before.min(1.0);
-    if best.changes() == 0 || after > settings.reported * least {
+    if best.changes(settings.same_factor) == 0 || after > settings.reported * least {
         return Ok(None);
     }
     let sentence = sentence(&best, case, before, after);
@@ -112,7 +116,8 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
 
 /// Returns the squared gap with the price of all changes.
 fn price(responses: &Responses, wiring: &Wiring, settings: &AuditSettings) -> f64 {
-    responses.gap(wiring).powi(2) * settings.change_price.powi(wiring.changes() as i32)
+    let changes = wiring.changes(settings.same_factor);
+    responses.gap(wiring).powi(2) * settings.change_price.powi(changes as i32)
 }
 
 /// Removes changes that do not reduce the gap enough.
@@ -484,7 +489,7 @@ mod tests {
             "Outputs y1 and y2 look swapped; input u1 looks negated; all channels look delayed by 16 samples (0.0100 \
             s) against the simulation",
         );
-        assert_eq!(wiring.changes(), 3);
+        assert_eq!(wiring.changes(AuditSettings::default().same_factor), 3);
     }
 
     #[test]

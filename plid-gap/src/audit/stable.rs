@@ -6,7 +6,7 @@ use crate::case::Case;
 use crate::error::GapError;
 
 /// Poles this near the unit circle neither grow nor decay.
-const ON_THE_CIRCLE: f64 = 1e-9;
+pub(crate) const ON_THE_CIRCLE: f64 = 1e-9;
 
 /// A pole on the unit circle is a finding.
 ///

@@ -120,9 +120,11 @@ impl Wiring {
         all
     }
 
-    /// Returns the number of changes to the simulation as given. A change of all channels alike counts as one.
-    pub fn changes(&self) -> usize {
-        usize::from(self.delay != 0) + side_changes(&self.outputs) + side_changes(&self.inputs)
+    /// Returns the number of changes to the simulation as given. A change of all channels alike counts as one; factors
+    /// are alike if they differ by less than `same_factor`.
+    pub fn changes(&self, same_factor: f64) -> usize {
+        let sides = [&self.outputs, &self.inputs].map(|side| side_changes(side, same_factor));
+        usize::from(self.delay != 0) + sides.iter().sum::<usize>()
     }
 }
 
@@ -130,14 +132,14 @@ fn straight(count: usize) -> Vec<Wire> {
     (0..count).map(|channel| Wire { channel, gain: 1.0 }).collect()
 }
 
-fn side_changes(wires: &[Wire]) -> usize {
+fn side_changes(wires: &[Wire], same_factor: f64) -> usize {
     let moved = wires.iter().enumerate().filter(|(k, wire)| *k != wire.channel).count();
     let alike = |differs: &dyn Fn(f64) -> bool, same: bool| match wires.iter().filter(|w| differs(w.gain)).count() {
         count if count == wires.len() && same => 1,
         count => count,
     };
     let first = wires.first().map_or(1.0, |wire| wire.gain.abs());
-    let same_size = wires.iter().all(|wire| (wire.gain.abs() / first - 1.0).abs() < 0.05);
+    let same_size = wires.iter().all(|wire| (wire.gain.abs() / first - 1.0).abs() < same_factor);
     moved.saturating_sub(1) + alike(&|gain| gain < 0.0, true) + alike(&|gain| gain.abs() != 1.0, same_size)
 }
 
@@ -168,17 +170,17 @@ mod tests {
         assert_eq!(applied.noise.sensor_std, Some(vec![0.01, 5.0]));
         assert_eq!(applied.noise.actuator_std, Some(vec![0.01, 0.005]));
         // On each side an exchange and a sign; two factors among the outputs, one among the inputs.
-        assert_eq!(wiring.changes(), 7);
+        assert_eq!(wiring.changes(0.05), 7);
     }
 
     #[test]
     fn what_is_alike_for_all_is_one_change() {
         let mut wiring = Wiring::plain(3, 3);
-        assert_eq!(wiring.changes(), 0);
+        assert_eq!(wiring.changes(0.05), 0);
         wiring.outputs.iter_mut().for_each(|wire| wire.gain = -1000.0);
-        assert_eq!(wiring.changes(), 2);
+        assert_eq!(wiring.changes(0.05), 2);
         wiring.outputs[1].gain = -1.0;
-        assert_eq!(wiring.changes(), 3);
+        assert_eq!(wiring.changes(0.05), 3);
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Steps 3 to 8: which effects explain the gap, and whether they suffice.
+//! Which effects explain the gap, and whether they suffice: from the noise to the verdict, "Noise" to "Is it enough?"
+//! in the book's "How it works".
 
 use std::cell::OnceCell;
 

@@ -53,8 +53,8 @@ impl<'f, 'a> Finding<'f, 'a> {
         let problem = &ready.problem;
         say("gaps".into());
         let judged = Judgement::new(explained, stochastic, rules, &audit.case.config);
-        let same_level = problem.settings.case.same_level;
-        let map = |errors: &[_]| locate::map(&problem.records, errors, &ready.noise, judged.plant.rate, same_level);
+        let (rate, settings) = (judged.plant.rate, &problem.settings);
+        let map = |errors: &[_]| locate::map(&problem.records, errors, &ready.noise, rate, settings);
         let after = errors(problem, &explained.fit().eta, &explained.predicting().effects);
         let maps = [map(&locate::errors(problem)), map(&after)];
         say("evidence beside it".into());

@@ -10,7 +10,7 @@ const ELEMENTS: usize = 64;
 const SLIPS: [f64; 2] = [1.5, 5.0];
 
 /// The same for a given motion, which may be far beyond: nothing but the testing machine limits it.
-const FAR: [f64; 2] = [0.01, 0.1];
+const SLIPS_BEYOND: [f64; 2] = [0.01, 0.1];
 
 /// The exponent from which fits start. Those of bolted joints lie between -1 and 0.
 const EXPONENT: f64 = -0.5;
@@ -82,7 +82,7 @@ impl Effect for IwanJoint {
         let port = setting.port(place);
         let (force, d) = (setting.force[port], setting.d_rms[port]);
         let moved = setting.plant.ports[port].moved_by().is_some();
-        let far: &[f64] = if moved { &FAR } else { &[] };
+        let far: &[f64] = if moved { &SLIPS_BEYOND } else { &[] };
         let lacking = SLIPS.iter().chain(far).map(|share| vec![0.01 * force / d, share * d, EXPONENT]);
         let may_hold = !holds(setting, port) && !moved && setting.stiffness[port] > 0.0;
         let held = SLIPS.iter().filter(|_| may_hold).map(|share| vec![0.01 * force / d, share * d, EXPONENT, 1.0]);

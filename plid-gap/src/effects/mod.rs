@@ -2,7 +2,10 @@
 //!
 //! An effect says where it may act ([`Effect::places`]), from which values a fit starts ([`Effect::starts`]) and how it
 //! changes a simulation ([`Effect::act`]). Everything else (screen, fit, comparison, report, prediction) works on any
-//! effect. A further effect is therefore one file and one line in [`Library::standard`] or [`Library::with`].
+//! effect. An effect of another crate is therefore one type, which [`Library::with`] adds. A built-in one is its file,
+//! the line that declares it, and one entry of the list `vocabulary!` below. Tests then name what is still missing: its
+//! check against an independent answer, its law in the testbed and in blind trials, and its equation in the script that
+//! repeats predictions.
 
 mod action;
 mod actuator_crosstalk;
@@ -59,52 +62,68 @@ mod units;
 pub use crate::plant::Load;
 pub use crate::signal::peaks::MissingModeStart;
 pub use action::{Action, Command, Drive, Force, Sensor};
-pub use actuator_crosstalk::ActuatorCrosstalk;
-pub use actuator_dead_zone::ActuatorDeadZone;
-pub use actuator_delay::ActuatorDelay;
-pub use actuator_gain::ActuatorGain;
-pub use actuator_gain_drift::ActuatorGainDrift;
-pub use actuator_hysteresis::ActuatorHysteresis;
-pub use actuator_lag::ActuatorLag;
-pub use actuator_saturation::ActuatorSaturation;
-pub use actuator_slew_limit::ActuatorSlewLimit;
-pub use added_damping::AddedDamping;
-pub use added_mass::AddedMass;
-pub use added_stiffness::AddedStiffness;
-pub use backlash::Backlash;
-pub use clearance::Clearance;
-pub use coloured_disturbance::ColouredDisturbance;
-pub use coulomb_friction::CoulombFriction;
-pub use cubic_stiffness::CubicStiffness;
-pub use end_stop::EndStop;
 pub use flexible::Flexible;
-pub use gravity_sine::GravitySine;
-pub use iwan_joint::IwanJoint;
-pub use joint_hysteresis::JointHysteresis;
 pub use library::Library;
-pub use mains_hum::MainsHum;
-pub use missing_mode::MissingMode;
-pub use modal_damping::ModalDamping;
-pub use modal_frequency::ModalFrequency;
-pub use narrowband_disturbance::NarrowbandDisturbance;
-pub use one_sided_stop::OneSidedStop;
 pub use place::{Names, Place};
-pub use quadratic_damping::QuadraticDamping;
-pub use quadratic_stiffness::QuadraticStiffness;
-pub use sensor_crosstalk::SensorCrosstalk;
-pub use sensor_delay::SensorDelay;
-pub use sensor_drift::SensorDrift;
-pub use sensor_dropout::SensorDropout;
-pub use sensor_gain::SensorGain;
-pub use sensor_lag::SensorLag;
-pub use sensor_noise::SensorNoise;
-pub use sensor_offset::SensorOffset;
-pub use sensor_quantisation::SensorQuantisation;
-pub use sensor_saturation::SensorSaturation;
 pub use setting::Setting;
-pub use stick_friction::StickFriction;
-pub use stiffness_drift::StiffnessDrift;
 pub use units::{ARBITRARY, Units};
+
+/// Exports the effects of the list, and makes the whole vocabulary of them.
+macro_rules! vocabulary {
+    ($($file:ident::$effect:ident,)+) => {
+        $(pub use $file::$effect;)+
+
+        /// Returns every built-in effect, in the order of the list.
+        fn built_in() -> Vec<Box<dyn Effect>> {
+            vec![$(Box::new($effect)),+]
+        }
+    };
+}
+
+// The one list of built-in effects. Where two of them gain equally, the first is preferred.
+vocabulary! {
+    actuator_crosstalk::ActuatorCrosstalk,
+    actuator_dead_zone::ActuatorDeadZone,
+    actuator_delay::ActuatorDelay,
+    actuator_gain::ActuatorGain,
+    actuator_gain_drift::ActuatorGainDrift,
+    actuator_hysteresis::ActuatorHysteresis,
+    actuator_lag::ActuatorLag,
+    actuator_saturation::ActuatorSaturation,
+    actuator_slew_limit::ActuatorSlewLimit,
+    added_damping::AddedDamping,
+    added_mass::AddedMass,
+    added_stiffness::AddedStiffness,
+    backlash::Backlash,
+    clearance::Clearance,
+    coulomb_friction::CoulombFriction,
+    cubic_stiffness::CubicStiffness,
+    end_stop::EndStop,
+    gravity_sine::GravitySine,
+    iwan_joint::IwanJoint,
+    joint_hysteresis::JointHysteresis,
+    mains_hum::MainsHum,
+    missing_mode::MissingMode,
+    modal_damping::ModalDamping,
+    modal_frequency::ModalFrequency,
+    narrowband_disturbance::NarrowbandDisturbance,
+    one_sided_stop::OneSidedStop,
+    quadratic_damping::QuadraticDamping,
+    quadratic_stiffness::QuadraticStiffness,
+    sensor_crosstalk::SensorCrosstalk,
+    sensor_delay::SensorDelay,
+    sensor_drift::SensorDrift,
+    sensor_gain::SensorGain,
+    sensor_lag::SensorLag,
+    sensor_offset::SensorOffset,
+    sensor_saturation::SensorSaturation,
+    stick_friction::StickFriction,
+    stiffness_drift::StiffnessDrift,
+    coloured_disturbance::ColouredDisturbance,
+    sensor_dropout::SensorDropout,
+    sensor_noise::SensorNoise,
+    sensor_quantisation::SensorQuantisation,
+}
 
 /// The part of the signal path in which an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]

@@ -1,8 +1,6 @@
+use super::setting::FARTHEST;
 use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side};
 use crate::plant::plain_hz;
-
-/// Largest relative change of a mode's frequency.
-const FARTHEST: f64 = 0.4;
 
 /// A mode whose frequency differs from that of the simulation.
 pub struct ModalFrequency;

@@ -10,8 +10,8 @@ use crate::signal::tones::Tone;
 /// Shares of the inertia, damper or stiffness at a port from which fits of an added one start.
 const LOAD_SHARES: [f64; 4] = [0.1, -0.1, 0.4, -0.4];
 
-/// Largest relative change of a mode's frequency from which a fit of a load starts.
-const FARTHEST: f64 = 0.4;
+/// Largest relative change of a mode's frequency from which a fit starts.
+pub(super) const FARTHEST: f64 = 0.4;
 
 /// Properties of the simulation and of the records by which an effect chooses its locations and starts.
 #[derive(Debug, Clone)]

@@ -14,6 +14,11 @@ pub struct Candidate<'a> {
     pub priced: f64,
 }
 
+/// Relative distance within which two frequencies are one location: fits of one line from different starts do not end
+/// at the same digits. This says which explanations are the same, wherever they are compared, and not how they are
+/// judged.
+const SAME_FREQUENCY: f64 = 0.02;
+
 /// Returns whether two name the same effect at the same location.
 pub fn same(a: &Placed, b: &Placed) -> bool {
     a.effect.name() == b.effect.name() && near(&a.place, &b.place)
@@ -25,7 +30,7 @@ pub fn all_same(a: &[Placed], b: &[Placed]) -> bool {
 }
 
 fn near(a: &Place, b: &Place) -> bool {
-    let close = |x: f64, y: f64| (x / y - 1.0).abs() < 0.02;
+    let close = |x: f64, y: f64| (x / y - 1.0).abs() < SAME_FREQUENCY;
     match (a, b) {
         (Place::MissingMode(x), Place::MissingMode(y)) => close(*x, *y),
         (Place::Frequency(x, _), Place::Frequency(y, _)) => close(*x, *y),

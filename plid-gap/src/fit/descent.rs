@@ -53,7 +53,7 @@ const SETTLED: Effort = Effort { steps: 6, gain: 0.05, fineness: Fineness::FINE 
 
 /// Largest number of steps of a fit with few linear parameters ([`Problem::few`]). Where these have absorbed nearly all
 /// of an effect, they give it back along a curved valley.
-const FAR: usize = 40;
+const STEPS_IF_FEW: usize = 40;
 
 /// Largest number of times that a fit is repeated from zero: each repetition ends nearer the minimum.
 const RESTARTS: usize = 4;
@@ -313,7 +313,7 @@ impl Problem {
 
     /// Returns the effort with as many steps as the way to the minimum may take if the linear parameters are few.
     pub(crate) fn far(&self, effort: Effort) -> Effort {
-        if self.few() { Effort { steps: FAR, ..effort } } else { effort }
+        if self.few() { Effort { steps: STEPS_IF_FEW, ..effort } } else { effort }
     }
 
     /// Returns a linear model with effects, and its residual.
@@ -382,7 +382,7 @@ mod tests {
     /// Returns a problem that is fitted as one with many linear parameters.
     fn as_of_many(problem: Problem) -> Problem {
         let mut settings = (*problem.settings).clone();
-        (settings.search.strong_numbers, settings.search.few_numbers) = (0, 0);
+        (settings.search.strong_parameters, settings.search.few_parameters) = (0, 0);
         Problem { settings: Arc::new(settings), ..problem }
     }
 

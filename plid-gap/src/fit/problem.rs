@@ -122,13 +122,13 @@ impl Problem {
     /// linear parameter: if these are few, or effects change the motion strongly. The derivatives of the linear
     /// simulation lead astray there, and where the linear parameters have absorbed nearly all of an effect.
     pub fn few(&self) -> bool {
-        self.strong || self.nuisance.of_simulation() <= self.settings.search.few_numbers
+        self.strong || self.nuisance.of_simulation() <= self.settings.search.few_parameters
     }
 
     /// Returns whether an effect loads the plant, whose few linear parameters allow the derivatives of the simulation
     /// with its effects. A load and the poles that it moves look alike, so that derivatives without it lead astray.
     pub fn is_loaded(&self, effects: &[Placed]) -> bool {
-        let few = self.nuisance.of_simulation() <= self.settings.search.strong_numbers;
+        let few = self.nuisance.of_simulation() <= self.settings.search.strong_parameters;
         few && self.actions(effects).iter().any(|action| matches!(action, Action::Load(..)))
     }
 

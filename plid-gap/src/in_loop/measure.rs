@@ -11,12 +11,9 @@ use crate::in_loop::noise::Noise;
 use crate::in_loop::problem::Problem;
 use crate::in_loop::runs::Runs;
 use crate::in_loop::search::Found;
+use crate::judge::crossed::Stated;
 use crate::judge::gap::{self, Blocks};
 use crate::judge::verdict::Verdict;
-
-/// Relative half-width of the 80 % interval of the gap on a new record of the same level. The records of a lightly
-/// damped structure scatter by about a tenth.
-const SCATTER: f64 = 0.13;
 
 /// The case and its records, as they are known after the search.
 pub(super) struct Opened<'o, 'a> {
@@ -73,6 +70,8 @@ impl<'a> Opened<'_, 'a> {
         }
         let measured: Vec<&[Vec<f64>]> = records.iter().map(|record| record.y.as_slice()).collect();
         let floor = gap::floor_over(&self.noise.std, &measured);
+        let width = self.case.config.settings.in_loop.prediction_width;
+        let stated = Stated { gap: stated, ci80: [(1.0 - width) * stated, (1.0 + width) * stated] };
         let gap = gaps(&records, [&given, &refit, &with], floor, stated);
         let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
         let whole = beyond(gap.refit).max(f64::MIN_POSITIVE);
@@ -89,7 +88,7 @@ pub(super) fn blocks(records: &[Record], y: &[Channels]) -> Option<Blocks> {
 }
 
 /// Returns the gaps of the simulator as given, after the refit and with the effects.
-fn gaps(records: &[Record], [given, refit, with]: [&[Channels]; 3], floor: f64, stated: f64) -> LoopGap {
+fn gaps(records: &[Record], [given, refit, with]: [&[Channels]; 3], floor: f64, stated: Stated) -> LoopGap {
     let of = |y: &[Channels]| blocks(records, y).map_or(0.0, |blocks| blocks.gap());
     let (as_given, refit, with_effect) = (of(given), of(refit), of(with));
     let shrink_ci95 = match (blocks(records, given), blocks(records, with)) {
@@ -104,8 +103,8 @@ fn gaps(records: &[Record], [given, refit, with]: [&[Channels]; 3], floor: f64, 
         shrink: gap::shrink(as_given, with_effect, floor),
         shrink_ci95,
         shrink_over_refit: gap::shrink(refit, with_effect, floor),
-        predicted_held_out_gap: stated,
-        predicted_ci80: [(1.0 - SCATTER) * stated, (1.0 + SCATTER) * stated],
+        predicted_held_out_gap: stated.gap,
+        predicted_ci80: stated.ci80,
         measured_on: records.iter().map(|record| record.name.clone()).collect(),
     }
 }

@@ -4,7 +4,7 @@ use plid_simulator::Description;
 
 use crate::answer::schema::{Located, Remainder, RemainderPlace, Used, Where};
 use crate::answer::simulation::written_effect;
-use crate::answer::whereabouts;
+use crate::answer::{MOST_NEAREST, whereabouts};
 use crate::case::SimulatorConfig;
 use crate::case::record::{Channels, Record};
 use crate::effects::{Names, Place, Side};
@@ -22,9 +22,6 @@ use crate::judge::gap;
 use crate::judge::locate;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::noise::NoiseModel;
-
-/// Largest number of entries of a screen that are named as nearest to a remainder.
-const MOST_NEAREST: usize = 3;
 
 /// Number of entries of a screen that are shown.
 const SHOWN_ENTRIES: usize = 8;
@@ -95,7 +92,7 @@ impl<'a> Opened<'_, 'a> {
         let plant = &problem.setting.plant;
         let errors: Vec<Channels> = measured.records.iter().zip(y).map(|(record, y)| record.error(y)).collect();
         let white = NoiseModel::declared(plant, &noise.std, &vec![0.0; plant.m]);
-        let map = locate::map(&measured.records, &errors, &white, plant.rate, case.config.settings.case.same_level);
+        let map = locate::map(&measured.records, &errors, &white, plant.rate, &case.config.settings);
         let named = told.found.fits[0].effects.first();
         let side = Some(named.map_or(Side::Structure, |placed| placed.effect.side()));
         whereabouts(side, &map, &problem.setting.names.outputs, &case.config.settings.answer)

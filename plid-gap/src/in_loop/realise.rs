@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use plid_model::{Continuous, Model, Port, stability};
 use plid_simulator::{Checked, Description, SimulatorError};
 
+use crate::audit::ON_THE_CIRCLE;
 use crate::case::record::{Channels, rms};
 use crate::plant::logarithm;
 
@@ -40,9 +41,6 @@ pub(super) struct Realised {
     /// Largest difference in the loudest record, over the RMS of each output and motion.
     pub error: f64,
 }
-
-/// Poles this near the unit circle neither grow nor decay.
-const ON_THE_CIRCLE: f64 = 1e-9;
 
 /// The signals of a simulator at the samples: the outputs (p), then displacement and velocity of each port (2 q).
 struct Probe<'a, 's> {

@@ -9,6 +9,7 @@ use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::fit::problem::Problem;
 use crate::judge::gap::middle;
 use crate::noise::NoiseModel;
+use crate::settings::GapSettings;
 use crate::simulate::Fineness;
 use plid_fourier::C;
 
@@ -78,8 +79,8 @@ pub fn errors(problem: &Problem) -> Vec<Channels> {
 }
 
 /// Computes the map with intervals by a block bootstrap: in each stretch of time of each record, as many blocks are
-/// drawn as there are. Levels whose ratio is below `same_level` are one level.
-pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f64, same_level: f64) -> Map {
+/// drawn as there are. The settings say which levels are one level, and from which spread of them a slope is stated.
+pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f64, settings: &GapSettings) -> Map {
     let edges: Vec<f64> = (0..=BANDS).map(|k| 0.5 * rate * k as f64 / BANDS as f64).collect();
     let blocks = blocks(records, errors, noise, &edges);
     let whole = Sums::of(&blocks, &vec![1.0; blocks.len()]);
@@ -92,14 +93,15 @@ pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f6
         level: records[index].level(),
         gap: estimate(&move |sums| sums.gap(index)),
     };
-    let indices = of_levels(records, same_level);
+    let indices = of_levels(records, settings.case.same_level);
     let levels: Vec<LevelGap> = indices.iter().map(|&index| level(index)).collect();
     // A gap that chance may hide in the noise has no place on a logarithmic scale.
     let clear = levels.iter().zip(&indices).filter(|(level, _)| level.gap.ci95[0] > 0.0);
     let clear: Vec<(usize, f64)> = clear.map(|(level, &index)| (index, level.level)).collect();
+    let spread = settings.judge.level_spread;
     let slope = whole
-        .slope(&clear)
-        .map(|value| Estimate { value, ci95: middle(drawn.iter().filter_map(|sums| sums.slope(&clear))) })
+        .slope(&clear, spread)
+        .map(|value| Estimate { value, ci95: middle(drawn.iter().filter_map(|sums| sums.slope(&clear, spread))) })
         // Without a draw that has a slope, its uncertainty is unknown.
         .filter(|slope| slope.ci95.iter().all(|end| end.is_finite()));
     Map {
@@ -242,15 +244,16 @@ impl Sums {
         if output > 0.0 { (beyond.max(0.0) / output).sqrt() } else { 0.0 }
     }
 
-    /// Returns the slope over records, each with its level.
-    fn slope(&self, levels: &[(usize, f64)]) -> Option<f64> {
+    /// Returns the slope over records, each with its level; `None` if the squared distances of the levels' logarithms
+    /// from their mean sum to less than `spread`.
+    fn slope(&self, levels: &[(usize, f64)], spread: f64) -> Option<f64> {
         let points = levels.iter().map(|&(record, level)| (level.ln(), self.gap(record).ln()));
         let usable: Vec<(f64, f64)> = points.filter(|(_, gap)| gap.is_finite()).collect();
         let n = usable.len() as f64;
         let (mean_x, mean_y) =
             (usable.iter().map(|(x, _)| x).sum::<f64>() / n, usable.iter().map(|(_, y)| y).sum::<f64>() / n);
         let square: f64 = usable.iter().map(|(x, _)| (x - mean_x).powi(2)).sum();
-        if usable.len() < 2 || square < 0.02 {
+        if usable.len() < 2 || square < spread {
             return None;
         }
         Some(usable.iter().map(|(x, y)| (x - mean_x) * (y - mean_y)).sum::<f64>() / square)

@@ -1,4 +1,4 @@
-//! Step 10: how far the gap shrinks on held-out records.
+//! How much: how far the gap shrinks on held-out records.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,6 +16,7 @@ use crate::judge::gap::{self, Blocks};
 use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
 use crate::search::stepwise::Search;
+use crate::settings::JudgeSettings;
 use crate::simulate::Fineness;
 
 /// Largest number of steps of the refit without bounds.
@@ -194,11 +195,12 @@ fn reference_effect(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Act
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
 }
 
-/// Returns the flexible model: the best explanation with the three entries that would explain most of the remainder.
+/// Returns the flexible model: the best explanation with the entries that would explain most of the remainder.
 fn ceiling(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
+    let JudgeSettings { ceiling_gain, ceiling_effects, .. } = problem.settings.judge;
     let mut effects = found.best.effects.clone();
-    let entries = found.stages.last()?;
-    effects.extend(entries.iter().filter(|e| e.gain > 20.0).take(3).map(|entry| entry.placed.clone()));
+    let more = found.stages.last()?.iter().filter(|entry| entry.gain > ceiling_gain).take(ceiling_effects);
+    effects.extend(more.map(|entry| entry.placed.clone()));
     let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &found.best.eta));
     let fit = problem.fit(&jacobian, &found.best.eta, &effects, ROUGH);
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))

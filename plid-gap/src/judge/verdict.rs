@@ -10,6 +10,10 @@ use crate::settings::{GapSettings, JudgeSettings};
 /// Temperature of the textbook's posterior probabilities, with which the ablation compares.
 const TEXTBOOK: f64 = 2.0;
 
+/// Exponent of the transitions at a share that an explanation leaves. Such a transition goes from 6 % to 94 % between
+/// half the threshold and twice the threshold.
+const STEEPNESS: i32 = 4;
+
 /// The verdict of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -74,7 +78,7 @@ pub fn adequacy(figures: &FitFigures, settings: &JudgeSettings, off: &[Step]) ->
     let left = ((cost - noise) / (before - noise).max(1.0)).clamp(0.0, 1.0);
     let certain = 1.0 / (1.0 + (-(excess - settings.excess)).exp());
     // A remainder of a thousandth of a large gap is a matter of the effect's third digit, not of another cause.
-    let material = 1.0 / (1.0 + (settings.material_left / left.max(1e-12)).powi(4));
+    let material = 1.0 / (1.0 + (settings.material_left / left.max(1e-12)).powi(STEEPNESS));
     // Beyond its stated limits, a refit may hide an effect that the vocabulary lacks.
     let beyond = 1.0 / (1.0 + (-(max_prior_z - settings.max_prior_z) / settings.prior_z_width).exp());
     // A residual that still correlates with an effect's trace contains something, although no effect explains it.
@@ -102,7 +106,7 @@ pub fn outside(left: f64, settings: &JudgeSettings) -> f64 {
     if left > most_left {
         return most_unknown;
     }
-    least_unknown + (most_unknown - least_unknown) / (1.0 + (most_left / left.max(1e-6)).powi(4))
+    least_unknown + (most_unknown - least_unknown) / (1.0 + (most_left / left.max(1e-6)).powi(STEEPNESS))
 }
 
 /// Distributes probability over the candidates; something else receives `unknown`.

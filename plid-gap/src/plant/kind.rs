@@ -26,6 +26,12 @@ const ABOVE: f64 = 4.0;
 /// Frequencies between which the slope of a response without resonances is taken, relative to the sample rate.
 const SLOPE_BETWEEN: [f64; 2] = [0.125, 0.25];
 
+/// The slope halfway between those of a position (-2) and of a velocity (-1).
+const POSITION_OR_VELOCITY: f64 = -1.5;
+
+/// The slope halfway between those of a velocity (-1) and of an acceleration (0).
+const VELOCITY_OR_ACCELERATION: f64 = -0.5;
+
 /// The source of an output's kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -108,8 +114,8 @@ fn by_slope(plant: &Plant, output: usize) -> Sensed {
     let [from, to] = SLOPE_BETWEEN;
     let slope = size(from).zip(size(to)).map(|(low, high)| (high / low).ln() / (to / from).ln());
     match slope {
-        Some(slope) if slope < -1.5 => Sensed { order: 0, source: KindSource::Inferred },
-        Some(slope) if slope < -0.5 => Sensed { order: 1, source: KindSource::Inferred },
+        Some(slope) if slope < POSITION_OR_VELOCITY => Sensed { order: 0, source: KindSource::Inferred },
+        Some(slope) if slope < VELOCITY_OR_ACCELERATION => Sensed { order: 1, source: KindSource::Inferred },
         _ => Sensed::ASSUMED,
     }
 }

@@ -33,6 +33,7 @@ pub use declared::CasePort;
 pub use kind::{KindSource, Sensed};
 pub use load::Load;
 pub(crate) use logarithm::logarithm;
+pub(crate) use ports::SAME_ROW;
 pub use ports::{PortScale, PortSource};
 pub use spectrum::{RestNumber, Spectrum};
 

@@ -51,7 +51,7 @@ pub enum PortScale {
 }
 
 /// Largest relative difference of two rows that are one row but for rounding.
-const SAME_ROW: f64 = 1e-6;
+pub(crate) const SAME_ROW: f64 = 1e-6;
 
 /// Infers the port of each input from the modes.
 ///

@@ -18,7 +18,7 @@ use crate::fit::refit::Refit;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch, is_constant};
-use crate::plant::{CasePort, Mode, Plant, PortScale};
+use crate::plant::{CasePort, Mode, Plant, PortScale, SAME_ROW};
 use crate::prepare::coloured::{Coloured, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
 use crate::settings::step::Step;
@@ -206,13 +206,12 @@ impl Prepared {
         if self.quantisation.iter().any(|output| output.coarse) {
             return NoiseLevel { factor: 1.0, uncertainty: settings.rounded_uncertainty, seen: true, driven: None };
         }
-        // The square of a whitened value has variance two. The factor 1.1 allows for errors in the shape of the noise
-        // model.
-        let uncertainty = |freedom: f64| 1.1 * (2.0 / freedom).sqrt();
+        // The square of a whitened value has variance two.
+        let uncertainty = |freedom: f64| settings.level_allowance * (2.0 / freedom).sqrt();
         let ratio = power / freedom;
         let both = quiet >= settings.level_values && freedom >= settings.level_values;
         let scatter = uncertainty(quiet).hypot(uncertainty(freedom));
-        let driven = (both && ratio - 1.0 > settings.louder.max(5.0 * scatter)).then_some(ratio);
+        let driven = (both && ratio - 1.0 > settings.louder.max(settings.louder_deviations * scatter)).then_some(ratio);
         // The noise model was fitted to the quiet records, so its factor there is one.
         if driven.is_none() {
             (power, freedom) = (power + quiet, freedom + quiet);
@@ -547,7 +546,8 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     let stretch = |k: usize| tones::Stretch { start_s: records[k].start_s, residual: &errors[k] };
     let first: Vec<tones::Stretch> = chosen.iter().map(|&k| stretch(k)).collect();
     setting.tones = tones::tones(&first, plant.rate, settings.prepare.tones, &settings.signal);
-    setting.tones.retain(|tone| !chosen.iter().all(|&k| tones::is_driven(&records[k], plant.rate, tone.hz)));
+    let driven = |k: usize, hz: f64| tones::is_driven(&records[k], plant.rate, hz, settings.signal.driven_share);
+    setting.tones.retain(|tone| !chosen.iter().all(|&k| driven(k, tone.hz)));
     setting
 }
 
@@ -576,9 +576,6 @@ pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
     };
     setting.force = (0..plant.ports.len()).map(force).collect();
 }
-
-/// Relative difference below which an output's row is that of a port's displacement.
-const SAME_ROW: f64 = 1e-6;
 
 /// Returns the lowest and the highest displacement at a port in all records, if an output measures it.
 fn measured_range(plant: &Plant, port: usize, records: &[Record]) -> Option<[f64; 2]> {

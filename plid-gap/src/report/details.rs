@@ -8,7 +8,7 @@ use crate::answer::schema::NamedEffect;
 use crate::case::Case;
 use crate::diagnose::Outcome;
 use crate::plant::plain_hz;
-use crate::words::likelihood_cell;
+use crate::words::{gain_cell, likelihood_cell};
 
 /// Adds all details.
 pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
@@ -243,17 +243,21 @@ fn costs(outcome: &Outcome) -> Table {
         Table::new("The residual of the fitted records: mean squared whitened residual, where 1 is noise alone.")
             .column("figure", "")
             .column("value", "");
-    for (name, value) in [
-        ("as given", given),
-        ("after the bounded refit", refit),
-        ("with all that was found", found),
-        ("its excess over the noise, in the uncertainty of the noise level", judged.excess),
-        ("share of the gap that is left", judged.left),
-        ("largest change of a linear parameter, in standard deviations of the stated limits", judged.max_prior_z),
-        ("gain of the best further entry of the screen", judged.next_gain),
-        ("probability of something else", judged.unknown),
+    let figure = |value: f64| Cell::significant(value, 4);
+    for (name, cell) in [
+        ("as given", figure(given)),
+        ("after the bounded refit", figure(refit)),
+        ("with all that was found", figure(found)),
+        ("its excess over the noise, in the uncertainty of the noise level", figure(judged.excess)),
+        ("share of the gap that is left", figure(judged.left)),
+        (
+            "largest change of a linear parameter, in standard deviations of the stated limits",
+            figure(judged.max_prior_z),
+        ),
+        ("gain of the best further entry of the screen", gain_cell(judged.next_gain)),
+        ("probability of something else", figure(judged.unknown)),
     ] {
-        costs = costs.row([name.into(), Cell::significant(value, 4)]);
+        costs = costs.row([name.into(), cell]);
     }
     costs
 }
@@ -312,7 +316,7 @@ fn stages(report: Report, outcome: &Outcome) -> Report {
                 table = table.row([
                     effect.as_str().into(),
                     location.as_str().into(),
-                    Cell::fixed(*gain, 1),
+                    gain_cell(*gain),
                     Cell::fixed(100.0 * absorbed, 1),
                 ]);
             }
@@ -346,7 +350,7 @@ fn quiet(report: Report, outcome: &Outcome) -> Report {
         .column("place", "")
         .column("evidence: twice the log likelihood", "");
     for (effect, location, gain) in &shown.stochastic {
-        table = table.row([effect.as_str().into(), location.as_str().into(), likelihood_cell(*gain)]);
+        table = table.row([effect.as_str().into(), location.as_str().into(), gain_cell(*gain)]);
     }
     report.table(table).paragraph(format!(
         "In the answer from {:.0} on; {} of all explanations is left to something else.",

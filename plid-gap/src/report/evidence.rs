@@ -4,9 +4,10 @@ use plid_report::{Bar, Bars, Report, bars};
 
 use super::evidence_figures;
 use super::response::Responses;
-use super::words::{at, percent, short, with};
+use super::words::{at, percent, with};
 use crate::case::Case;
 use crate::diagnose::Outcome;
+use crate::words::gain_cell;
 
 /// Number of entries of the screen that are drawn.
 const SHOWN: usize = 8;
@@ -71,7 +72,7 @@ fn screen(outcome: &Outcome) -> Option<String> {
         .map(|(effect, location, gain, absorbed)| Bar {
             name: at(effect, location),
             value: *gain,
-            text: format!("{} (refit {})", short(*gain), percent(*absorbed)),
+            text: format!("{} (refit {})", gain_cell(*gain), percent(*absorbed)),
             interval: None,
             strong: outcome.diagnosis.effects.iter().any(|e| e.effect == *effect && e.location == *location),
         })

@@ -166,6 +166,13 @@ fn shares(outcome: &Outcome) -> String {
     bars_of(&Bars { bars, label: "share of the squared gap beyond the noise, %".into(), reference: None })
 }
 
+/// Ratio of the highest to the lowest level from which the gap is drawn against the level: on a narrower axis, all
+/// points would lie above one another.
+const LEAST_SPAN: f64 = 1.05;
+
+/// Magnitude below which a slope is shown as zero, which has no sign: half of its last digit.
+const ZERO_SLOPE: f64 = 0.05;
+
 /// Draws the gap against the level, before and after, if there are two levels.
 fn levels(outcome: &Outcome) -> Option<String> {
     let usable = |map: &Map| -> Vec<LevelGap> {
@@ -180,7 +187,7 @@ fn levels(outcome: &Outcome) -> Option<String> {
     };
     let (before, after) = (usable(&outcome.shown.before), usable(&outcome.shown.after));
     let (first, last) = (before.first()?.level, before.last()?.level);
-    if last / first < 1.05 {
+    if last / first < LEAST_SPAN {
         return None;
     }
     let mut series = Vec::new();
@@ -208,9 +215,9 @@ fn levels(outcome: &Outcome) -> Option<String> {
 }
 
 fn level_caption(outcome: &Outcome) -> String {
+    let stated = outcome.diagnosis.settings.answer.level_slope;
     let slope = match outcome.shown.before.slope {
-        // A zero has no sign.
-        Some(Estimate { value, .. }) if value.abs() < 0.05 => {
+        Some(Estimate { value, .. }) if value.abs() < ZERO_SLOPE => {
             "As given, the relative gap does not change with the level.".into()
         }
         Some(Estimate { value, ci95: [low, high] }) => {
@@ -218,10 +225,10 @@ fn level_caption(outcome: &Outcome) -> String {
                 "As given, the relative gap is proportional to the level to the power {value:+.1} ({low:+.1} to \
                 {high:+.1}): "
             ) + match value {
-                s if s > 0.5 => {
+                s if s > stated => {
                     "it grows, as with stiffness or damping that depends on the motion, clearance and limits."
                 }
-                s if s < -0.5 => "it falls, as with friction, hysteresis, offsets, hum and disturbances.",
+                s if s < -stated => "it falls, as with friction, hysteresis, offsets, hum and disturbances.",
                 _ => "it hardly changes, as with gains, delays, modes and drifts.",
             }
         }

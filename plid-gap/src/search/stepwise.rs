@@ -18,6 +18,7 @@ use crate::search::screen::Entry;
 use crate::search::stage::{SearchStage, on_whole, polish};
 use crate::search::windows::follows;
 use crate::settings::step::Step;
+use crate::words::gain;
 
 /// The result of the search.
 pub struct Search<'a> {
@@ -313,16 +314,17 @@ pub fn straighten<'a>(
     }
 }
 
-/// States the number of entries of a stage and the gains of its first fits.
+/// States the number of entries of a stage, the gains of the first of them, and by how much each fit is behind the
+/// best.
 fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names: &Names) -> String {
-    let one = |fit: &Fit| {
-        let last = fit.effects.last().expect("a stage adds an effect");
-        format!("{} at {} ({:.0})", last.effect.name(), last.place.location(names), price.of(fit))
+    let one = |placed: &Placed, figure: f64| {
+        format!("{} at {} ({})", placed.effect.name(), placed.place.location(names), gain(figure))
     };
-    let fits = fits.iter().map(one).collect::<Vec<_>>().join(", ");
-    let entry = |entry: &Entry| {
-        format!("{} at {} ({:.0})", entry.placed.effect.name(), entry.placed.place.location(names), entry.gain)
-    };
+    let least = fits.iter().map(|fit| price.of(fit)).fold(f64::INFINITY, f64::min);
+    let fit = |fit: &Fit| one(fit.effects.last().expect("a stage adds an effect"), price.of(fit) - least);
+    let fits = fits.iter().map(fit).collect::<Vec<_>>().join(", ");
+    let entry = |entry: &Entry| one(&entry.placed, entry.gain);
     let first = entries.iter().take(6).map(entry).collect::<Vec<_>>().join(", ");
-    format!("stage {stage}: {} entries of the screen, the first: {first}; priced fits: {fits}", entries.len())
+    let entries = entries.len();
+    format!("stage {stage}: {entries} entries of the screen, the first by gain: {first}; fits, behind the best: {fits}")
 }

@@ -96,7 +96,7 @@ fn noisy(
             (0..ratios.len()).filter(|&j| j != o && !quantisation[j].coarse).map(|j| ratios[j]).collect();
         others.sort_by(f64::total_cmp);
         // The least noisy other channel shows what is common.
-        let common = others.first().copied().unwrap_or(search.misjudged * search.misjudged).max(0.4);
+        let common = others.first().copied().unwrap_or(search.misjudged * search.misjudged).max(search.least_common);
         let excess = ratios[o] / common;
         let gain = 2.0 * noise.bins as f64 * (excess - 1.0 - excess.ln());
         if excess > search.noisier && gain > search.stochastic_gain {

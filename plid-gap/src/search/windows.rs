@@ -26,7 +26,7 @@ impl Windows {
     /// little of the records, and effects with a memory, such as delays, would suffer at their ends.
     pub fn choose(problem: &Problem, refitted: &Refit) -> Option<Self> {
         let settings = &problem.settings.search;
-        if problem.nuisance.of_simulation() > settings.strong_numbers {
+        if problem.nuisance.of_simulation() > settings.strong_parameters {
             return None;
         }
         if follows(problem, &refitted.eta, &[]) {

@@ -16,6 +16,9 @@ group! {
         hidden_by_refit: f64 = 0.5, "1", 0.0..=1.0;
         /// Share of the gap from which one of the bands with most of it is listed.
         listed_band: f64 = 0.02, "1", 0.0..=1.0;
+        /// Slope of the logarithm of the gap over that of the level from which the report says that the gap grows, or
+        /// falls, with the level: halfway between a constant gap and one that is proportional to the level.
+        level_slope: f64 = 0.5, "1", 0.0..=10.0;
         /// Probability by which a family must be more certain than the effect for sentences to name the family.
         family_lead: f64 = 0.1, "1", 0.0..=1.0;
     }

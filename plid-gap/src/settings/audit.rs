@@ -20,6 +20,9 @@ group! {
         several_left: f64 = 0.25, "1", 0.0..=1e6;
         /// Factor by which every change of the wiring must reduce the squared gap.
         change_price: f64 = 1.5, "1", 1.0..=1e6;
+        /// Largest relative difference of the factors of all channels of one side for them to count as one change, such
+        /// as of the unit: estimates of one factor scatter where the simulation is wrong in other ways too.
+        same_factor: f64 = 0.05, "1", 0.0..=1.0;
         /// Delay from which all channels count as delayed, as by a block of samples. A shorter delay is an effect,
         /// which is fitted beside lags: a first-order lag that looks like a longer delay would remove most of the
         /// signal.

@@ -35,19 +35,24 @@ impl Number for usize {
     }
 }
 
-/// Declares a group. After the doc comment of each setting stands `key: type = default, "unit", range;`.
+/// Declares a group. After the doc comment of each setting stands `key: type = default, "unit", range;`. A setting that
+/// had another key in earlier answers names it in between: `#[serde(alias = "...")]`.
 macro_rules! group {
     (
         $(#[doc = $group:literal])+
         $name:ident {
-            $( $(#[doc = $doc:literal])+ $key:ident: $kind:ty = $default:expr, $unit:literal, $range:expr; )+
+            $(
+                $(#[doc = $doc:literal])+
+                $(#[serde(alias = $old:literal)])?
+                $key:ident: $kind:ty = $default:expr, $unit:literal, $range:expr;
+            )+
         }
     ) => {
         $(#[doc = $group])+
         #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
         #[serde(deny_unknown_fields, default)]
         pub struct $name {
-            $( $(#[doc = $doc])+ pub $key: $kind, )+
+            $( $(#[doc = $doc])+ $(#[serde(alias = $old)])? pub $key: $kind, )+
         }
 
         impl Default for $name {

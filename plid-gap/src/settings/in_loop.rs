@@ -61,6 +61,11 @@ group! {
         least_of_gap: f64 = 0.05, "1", 0.0..=1.0;
         /// Standard deviations between two explanations from which the records separate them (Vuong 1989).
         clear: f64 = 3.0, "1", 0.0..=100.0;
+        /// Relative half-width of the 80 % interval of the predicted gap: 1.28 standard deviations of a tenth, by which
+        /// single records of a lightly damped structure scatter. `judge.prediction_scatter` is a standard deviation,
+        /// and only the start of an estimate from predictions of each record by a model of the others; here, each of
+        /// these models would take as many runs as a fit.
+        prediction_width: f64 = 0.13, "1", 0.0..=1.0;
         /// Share of the remaining gap that a further effect must close. With long records, an effect that closes less
         /// can be significant although the gap hardly changes.
         least_closed: f64 = 0.1, "1", 0.0..=1.0;

@@ -79,6 +79,14 @@ group! {
         compared_within: f64 = 60.0, "ln L", 0.0..=1e9;
         /// Most explanations that are compared with the best, each by a fit to whole records.
         compared: usize = 8, "explanations", 0.0..=1000.0;
+        /// Gain on the first samples from which an entry of the screen joins the flexible model with which the effects
+        /// are compared: the best of a hundred wrong entries gains up to that.
+        ceiling_gain: f64 = 20.0, "2 ln L", 0.0..=1e9;
+        /// Most entries that join it: as many as an explanation may have effects (`search.most_effects`).
+        ceiling_effects: usize = 3, "effects", 0.0..=100.0;
+        /// Sum of the squared distances of the logarithms of the levels from their mean from which a slope of the gap
+        /// over the level is stated. Two records reach it if one is 1.22 times as loud as the other.
+        level_spread: f64 = 0.02, "1", 0.0..=1e6;
         /// Least share of the squared held-out gap that an effect other than the largest must close to be named: a
         /// tenth in amplitude. Smaller shares belong to the many small errors of every simulation.
         least_share: f64 = 0.01, "1", 0.0..=1.0;

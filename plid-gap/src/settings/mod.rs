@@ -132,6 +132,12 @@ mod tests {
     }
 
     #[test]
+    fn keys_of_earlier_answers_are_read() {
+        let read: GapSettings = serde_json::from_str(r#"{ "search": { "few_numbers": 7 } }"#).unwrap();
+        assert_eq!(read.search.few_parameters, 7);
+    }
+
+    #[test]
     fn values_out_of_range_are_refused() {
         let mut settings = GapSettings::default();
         settings.judge.most_unknown = 1.5;

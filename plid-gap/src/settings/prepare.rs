@@ -14,6 +14,12 @@ group! {
         /// Excess of the noise of driven records over that of quiet ones from which something random acts in driven
         /// records. The noise model is fitted to the quiet ones.
         louder: f64 = 0.1, "1", 0.0..=1e6;
+        /// The same excess in standard deviations of the difference of the two noise levels: a normal variable exceeds
+        /// five of them once in 3.5 million draws.
+        louder_deviations: f64 = 5.0, "std", 0.0..=1e6;
+        /// Factor on the statistical uncertainty of a noise level. It allows for errors in the shape of the noise
+        /// model.
+        level_allowance: f64 = 1.1, "1", 1.0..=1e3;
         /// Relative uncertainty of a noise level that is only declared, or grows with the level of the input.
         declared_uncertainty: f64 = 0.3, "1", 1e-6..=1e3;
         /// Relative uncertainty of the noise level where rounding by a coarse converter is the noise: q^2 / 12 holds

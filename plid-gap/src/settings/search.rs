@@ -38,10 +38,12 @@ group! {
         window_states: usize = 240, "states", 1.0..=1e6;
         /// Largest number of linear parameters for which fits always use the derivatives of the simulation with its
         /// effects, which take a run for each parameter.
-        few_numbers: usize = 12, "parameters", 0.0..=1e6;
+        #[serde(alias = "few_numbers")]
+        few_parameters: usize = 12, "parameters", 0.0..=1e6;
         /// Largest number of linear parameters for which a search uses windows. The fits then use these derivatives,
         /// too.
-        strong_numbers: usize = 24, "parameters", 0.0..=1e6;
+        #[serde(alias = "strong_numbers")]
+        strong_parameters: usize = 24, "parameters", 0.0..=1e6;
         /// Single effects behind the best one to which a second effect is added, too, if the linear parameters are few.
         runners_up: usize = 2, "effects", 0.0..=100.0;
         /// Power that the best single effect must leave for that, over that of the noise: it then imitates the cause.
@@ -121,6 +123,9 @@ group! {
         stochastic_gain: f64 = 40.0, "2 ln L", 0.0..=1e9;
         /// Variance of a sensor over what the other sensors suggest from which the sensor counts as noisy.
         noisier: f64 = 1.3, "1", 1.0..=1e6;
+        /// Least variance of a sensor, over the declared one, that counts as common to all sensors: about
+        /// 1 / `misjudged`^2. One sensor that is even quieter does not make the others noisy.
+        least_common: f64 = 0.4, "1", 1e-6..=1.0;
         /// Factor in standard deviation by which all declared sensor noise may be wrong together.
         misjudged: f64 = 1.5, "1", 1.0..=1e6;
     }

@@ -38,5 +38,8 @@ group! {
         /// reaches ten times the chance of an exponential tail; a line of half the noise's RMS in a record of 3200
         /// samples stands out by 250.
         line_prominence: f64 = 60.0, "1", 1.0..=1e9;
+        /// Share of an input's power at the frequency of a line from which the line may be the plant's response. Of an
+        /// input with a broad spectrum, a few lines of the resolution hold a much smaller share.
+        driven_share: f64 = 0.05, "1", 0.0..=1.0;
     }
 }

@@ -96,16 +96,14 @@ fn line(x: &[f64], start_s: f64, rate: f64, hz: f64) -> C {
     sum
 }
 
-/// Share of an input's power within [`NEAR_LINE`] of a line from which the line may be the plant's response.
-const DRIVEN: f64 = 0.05;
-
-/// Distance from a line, in units of the resolution 1 / duration, within which power belongs to it.
+/// Distance from a line, in units of the resolution 1 / duration, within which power belongs to it. Without a window,
+/// the bins this near hold at least nine tenths of the power of a line, wherever it lies between two of them.
 const NEAR_LINE: f64 = 2.0;
 
-/// Returns whether a line at `hz` may be the plant's response to the record's input: much of the input's power lies
-/// there, or most of it lies at one frequency of which `hz` is a multiple. Such a record does not show that the line
-/// has another cause.
-pub fn is_driven(record: &Record, rate: f64, hz: f64) -> bool {
+/// Returns whether a line at `hz` may be the plant's response to the record's input: at least the share `driven` of the
+/// input's power lies there, or most of it lies at one frequency of which `hz` is a multiple. Such a record does not
+/// show that the line has another cause.
+pub fn is_driven(record: &Record, rate: f64, hz: f64, driven: f64) -> bool {
     let samples = record.samples();
     let resolution = rate / samples as f64;
     let harmonic = |fundamental: f64| (hz / fundamental - (hz / fundamental).round()).abs() * fundamental < resolution;
@@ -118,7 +116,7 @@ pub fn is_driven(record: &Record, rate: f64, hz: f64) -> bool {
         };
         let strongest = (1..spectrum.len()).max_by(|&a, &b| spectrum[a].norm_sqr().total_cmp(&spectrum[b].norm_sqr()));
         let fundamental = strongest.map_or(resolution, |k| k as f64 * resolution);
-        all > 0.0 && (about(hz) > DRIVEN * all || about(fundamental) > 0.5 * all && harmonic(fundamental))
+        all > 0.0 && (about(hz) > driven * all || about(fundamental) > 0.5 * all && harmonic(fundamental))
     })
 }
 

@@ -13,9 +13,10 @@ use plid_gap::case::{Controller, Intersample};
 use plid_gap::effects::{Action, Effect, Flexible, Library, MissingModeStart, Place, Setting};
 use plid_gap::research::{Fineness, Plant, Tone, changed_plant, simulate};
 use plid_model::Model;
+use plid_model::signal::rms;
 use rayon::prelude::*;
 
-use crate::forward::{Rig, structure::rms};
+use crate::forward::Rig;
 use crate::truth::{self, Channels};
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/predict_with_effect.py");
@@ -63,9 +64,9 @@ impl Bench {
         setting.v_rms = written.ports.iter().map(|port| sees(&port.velocity)).collect();
         setting.force = setting.stiffness.iter().zip(&setting.d_rms).map(|(k, d)| k * d).collect();
         let linear = truth::linear(&model, &rig.u);
-        setting.u_rms = rig.u.iter().map(|u| rms(u)).collect();
+        setting.u_rms = rig.u.iter().map(rms).collect();
         setting.u_slope = setting.u_rms.iter().map(|u| u * model.sample_rate_hz).collect();
-        setting.y_rms = linear.iter().map(|y| rms(y)).collect();
+        setting.y_rms = linear.iter().map(rms).collect();
         setting.y_max = linear.iter().map(|y| y.iter().fold(0.0, |most: f64, y| most.max(y.abs()))).collect();
         for (k, port) in plant.ports.iter().enumerate() {
             let Some(input) = port.moved_by() else { continue };

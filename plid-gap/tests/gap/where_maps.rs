@@ -79,7 +79,13 @@ fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
         from += samples;
     }
     let ready = prepare(&model, &records, &Known::default()).unwrap();
-    let map = locate::map(&ready.problem.records, &locate::errors(&ready.problem), &ready.noise, RATE, 1.15);
+    let map = locate::map(
+        &ready.problem.records,
+        &locate::errors(&ready.problem),
+        &ready.noise,
+        RATE,
+        &ready.problem.settings,
+    );
     (map, side(&ready))
 }
 

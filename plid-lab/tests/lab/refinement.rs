@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use ndarray::Array2;
 use plid_lab::experiment::{self, Experiment};
 use plid_lab::run::{self, Progress, RunError, Silent};
+use plid_model::signal::rms;
 use plid_model::{Model, frequency_response, simulate};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -91,11 +92,6 @@ fn the_refined_model_finds_the_plant_with_as_many_states_as_it_has() {
         let off = (path.response_variance(&[9.5]).unwrap()[0].response[(0, 0)] - truth[0][(0, 0)]).norm();
         assert!(off < 5.0 * std[(0, 0)], "{off} {std}");
     }
-}
-
-fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0), |(s, n), x| (s + x * x, n + 1));
-    (sum / f64::from(count)).sqrt()
 }
 
 #[test]

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use plid_lab::experiment::{self, Experiment};
 use plid_lab::run::{self, Outcome, Progress, RunError, Silent};
+use plid_model::signal::rms;
 use plid_model::{Model, frequency_response};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -120,8 +121,7 @@ fn a_known_plant_is_found_in_the_datas_units() {
 }
 
 fn ndarray_rms(values: &ndarray::Array2<f64>, column: usize, mean: f64) -> f64 {
-    let column = values.column(column);
-    (column.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / column.len() as f64).sqrt()
+    rms(values.column(column).iter().map(|y| y - mean))
 }
 
 #[test]

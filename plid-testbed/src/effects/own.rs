@@ -17,8 +17,8 @@ use crate::error::TestbedError;
 /// The part of the plant that an effect acts in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// The strut of an input, inside the structure.
-    Strut,
+    /// The port of an input, inside the structure.
+    Port,
     /// The actuator of an input.
     Actuator,
     /// A sensor.
@@ -27,7 +27,7 @@ pub enum Side {
 
 /// What an effect does in one record, from rest. All signals are in volts, times in seconds.
 pub enum Action {
-    /// The force on the structure at a strut, from the strut's displacement (V) and velocity (V/s).
+    /// The force on the structure at a port, from the port's displacement (V) and velocity (V/s).
     Force(Box<dyn Fn(f64, f64) -> f64>),
     /// The voltage between amplifier and actuator pole, from the voltage without the effect.
     Voltage(Box<dyn Fn(f64) -> f64>),
@@ -36,13 +36,13 @@ pub enum Action {
     Sample(Box<dyn FnMut(f64, f64) -> f64>),
 }
 
-/// RMS values in the held-out record at the place of an effect, without any effect: those of the input's strut for a
-/// strut or an actuator, and that of the output for a sensor. The commands of that record have about 1 V RMS.
+/// RMS values in the held-out record at the place of an effect, without any effect: those of the input's port for a
+/// port or an actuator, and that of the output for a sensor. The commands of that record have about 1 V RMS.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Level {
-    /// Displacement of the strut, V.
+    /// Displacement of the port, V.
     pub displacement: f64,
-    /// Velocity of the strut, V/s.
+    /// Velocity of the port, V/s.
     pub velocity: f64,
     /// Output, V.
     pub output: f64,
@@ -140,7 +140,7 @@ impl TryFrom<Written> for Own {
     fn try_from(Written { name, at, parameters, law }: Written) -> Result<Self, String> {
         let truth = find(&name).ok_or_else(|| format!("this program has added no effect `{name}`"))?;
         let at = match truth.side() {
-            Side::Strut | Side::Actuator => Input::try_from(at).map(|Input(j)| j),
+            Side::Port | Side::Actuator => Input::try_from(at).map(|Input(j)| j),
             Side::Sensor => Output::try_from(at).map(|Output(i)| i),
         };
         let (found, wanted) = (parameters.len(), truth.parameters());
@@ -160,7 +160,7 @@ impl TryFrom<Written> for Own {
 impl From<Own> for Written {
     fn from(own: Own) -> Self {
         let at = match own.truth().side() {
-            Side::Strut | Side::Actuator => Input(own.at).into(),
+            Side::Port | Side::Actuator => Input(own.at).into(),
             Side::Sensor => Output(own.at).into(),
         };
         Self { name: own.name.to_owned(), at, parameters: own.parameters, law: own.law.map(str::to_owned) }

@@ -77,8 +77,8 @@ fn first_number(place: &str) -> usize {
     (digit as usize).clamp(1, INPUTS) - 1
 }
 
-/// Returns whether an effect is a force at the strut, or on the axis, of one input that follows its motion.
-pub(super) fn is_at_a_strut(kind: &str) -> bool {
+/// Returns whether an effect is a force at the port of one input, on its strut or its axis, that follows its motion.
+pub(super) fn is_at_a_port(kind: &str) -> bool {
     matches!(
         kind,
         "cubic-stiffness"
@@ -102,7 +102,7 @@ pub(super) fn is_at_a_strut(kind: &str) -> bool {
 fn place_of(kind: &str) -> Option<Place> {
     if let Some(truth) = own::find(kind) {
         return Some(match truth.side() {
-            own::Side::Strut | own::Side::Actuator => Place::Input,
+            own::Side::Port | own::Side::Actuator => Place::Input,
             own::Side::Sensor => Place::Output,
         });
     }
@@ -114,7 +114,7 @@ fn place_of(kind: &str) -> Option<Place> {
         "sensor-crosstalk" => Place::OutputPair,
         "mains-hum" | "x-sensor-rate-limit" | "x-sensor-square" | "x-channel-product" => Place::Output,
         "x-command-play" | "x-delay-jitter" | "x-sticking-valve" => Place::Input,
-        force if is_at_a_strut(force) => Place::Input,
+        force if is_at_a_port(force) => Place::Input,
         "narrowband-disturbance" | "coloured-disturbance" => Place::Input,
         "actuator-saturation"
         | "actuator-dead-zone"

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::effect::is_at_a_strut;
+use super::effect::is_at_a_port;
 use super::spec::{Experiment, PlantKind, Simulator};
 use crate::axes::Axes;
 use crate::effects::{Effect, own};
@@ -156,13 +156,13 @@ impl LabelledEffect {
         };
         if let Some(truth) = own::find(&self.effect) {
             return match truth.side() {
-                own::Side::Strut => location == format!("input:u{loc}") || location == format!("port:strut{loc}"),
+                own::Side::Port => location == format!("input:u{loc}") || location == format!("port:strut{loc}"),
                 own::Side::Actuator => location == format!("input:u{loc}"),
                 own::Side::Sensor => location == format!("output:y{loc}"),
             };
         }
         match self.effect.as_str() {
-            force if is_at_a_strut(force) => {
+            force if is_at_a_port(force) => {
                 location == format!("input:u{loc}") || location == format!("port:strut{loc}")
             }
             "modal-frequency" | "modal-damping" | "missing-mode" => near(self.hz, SAME_MODE),

@@ -28,7 +28,7 @@ mod tests {
     #[test]
     fn a_guess_among_thirty_four() {
         assert_eq!(exact(), 1.0 / 34.0);
-        // Seven effects of the strut.
+        // Seven effects at a port.
         assert_eq!(right_family("clearance"), 7.0 / 34.0);
         assert!((false_alarm() + exact() - 1.0).abs() < 1e-15);
     }

@@ -238,16 +238,16 @@ impl Term {
     /// Returns the effect of which this is the first term, and its place.
     fn name(&self, setting: &Setting) -> Option<(&'static str, String)> {
         let names = &setting.names;
-        let strut = |port: usize| match setting.plant.ports[port].input {
+        let at_port = |port: usize| match setting.plant.ports[port].input {
             Some(input) => format!("input:{}", names.inputs[input]),
             None => format!("port:{}", names.ports[port]),
         };
         let input = |i: usize| format!("input:{}", names.inputs[i]);
         let output = |o: usize| format!("output:{}", names.outputs[o]);
         Some(match *self {
-            Self::Force { port, d: 3, v: 0 } => ("cubic-stiffness", strut(port)),
-            Self::Force { port, d: 2, v: 0 } => ("quadratic-stiffness", strut(port)),
-            Self::Force { port, d: 0, v: 3 } => ("quadratic-damping", strut(port)),
+            Self::Force { port, d: 3, v: 0 } => ("cubic-stiffness", at_port(port)),
+            Self::Force { port, d: 2, v: 0 } => ("quadratic-stiffness", at_port(port)),
+            Self::Force { port, d: 0, v: 3 } => ("quadratic-damping", at_port(port)),
             Self::Force { .. } => return None,
             Self::Command { from, to, power: 1 } if from == to => ("actuator-gain", input(to)),
             Self::Command { from, to, power: 1 } => {

@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector, dmatrix};
 use plid_gap::effects::{Effect, Library, Place, Setting};
 use plid_gap::research::{Fineness, Plant, simulate};
 use plid_model::Model;
+use plid_model::signal::rms;
 
 use super::{Check, MODES, Rig, T0};
 use crate::truss::{RATE, Sensor, Truss, held};
@@ -186,10 +187,6 @@ impl Law {
     fn disagreement(&self, effect: &dyn Effect) -> f64 {
         self.disagreements(effect, [Fineness::FINE.force])[0]
     }
-}
-
-pub fn rms(x: &[f64]) -> f64 {
-    (x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64).sqrt()
 }
 
 /// Returns the largest disagreement over structures with each kind of sensor, with filters and without.
