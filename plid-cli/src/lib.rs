@@ -40,7 +40,7 @@ use voice::Voice;
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// No progress and no remarks; errors are still shown.
+    /// Suppress progress and remarks; show errors only.
     #[arg(long, global = true)]
     quiet: bool,
     /// Print results as JSON on standard output.

@@ -103,7 +103,7 @@ fn reason(outcome: &Outcome, timing: &Timing, target_us: f64) -> String {
          rate of the pass"
     );
     if bound_us > target_us {
-        format!("out of this machine's reach: {limits}; the target is {target_us:.0} us")
+        format!("not achievable on this machine: {limits}; the target is {target_us:.0} us")
     } else {
         let share = 100.0 * bound_us / timing.median_us;
         let what = if operations_us > bytes_us { "peak" } else { "rate of the pass" };
@@ -121,7 +121,7 @@ fn beside_peers(peers: &Peers) -> Vec<Target> {
         let (own_us, met) = (peer.plid_us_per_step, peer.ratio >= limit);
         let reason = format!("the target would need a step of {:.0} us", peer.us_per_step / limit);
         Some(Target {
-            what: format!("direct, joint-ekf beside the fastest {kind} peer, {}", peer.name),
+            what: format!("direct, joint-ekf vs. the fastest {kind} peer, {}", peer.name),
             target: format!("≥ {limit} × as fast"),
             found: format!("{:.1} × ({:.0} us, plid {own_us:.0} us)", peer.ratio, peer.us_per_step),
             met: Some(met),
@@ -139,7 +139,7 @@ fn slopes(outcome: &Outcome) -> Vec<Target> {
     for slope in outcome.slopes.iter().filter(|slope| plain(&slope.variant)) {
         let form = slope.variant.covariance;
         let what = format!("slope of log time, {}, {}", word(&form), word(&slope.variant.expectations));
-        let beside = format!("{:.2} (operations {:.2})", slope.time, slope.operations);
+        let found = format!("{:.2} (operations {:.2})", slope.time, slope.operations);
         targets.push(if form == Form::Direct {
             let reason = || {
                 format!(
@@ -147,9 +147,9 @@ fn slopes(outcome: &Outcome) -> Vec<Target> {
                     slope.operations
                 )
             };
-            Target { found: beside.clone(), ..at_most(what, slope.time, 2.1, "", reason) }
+            Target { found: found.clone(), ..at_most(what, slope.time, 2.1, "", reason) }
         } else {
-            stated(what, beside)
+            stated(what, found)
         });
     }
     targets
@@ -257,7 +257,7 @@ mod tests {
         assert!(
             target(&all, "bierman-ud, joint-ekf")
                 .reason
-                .starts_with("out of this machine's reach: its 10.00 Mflop take 200 us")
+                .starts_with("not achievable on this machine: its 10.00 Mflop take 200 us")
         );
     }
 
@@ -277,9 +277,9 @@ mod tests {
         let peers = vec![peer("a", 600.0, true), peer("b", 700.0, true), peer("c", 1000.0, false)];
         let size = Size { n: 64, inputs: 3, outputs: 3, peers, refused: Vec::new() };
         let all = targets(&run(3.0), Some(&Peers { sizes: vec![size] }));
-        let beside = |peer: &str| target(&all, &format!("direct, joint-ekf beside the fastest {peer}"));
-        assert_eq!(beside("structured peer, a").met, Some(true));
-        assert_eq!(beside("dense peer, c").met, Some(false));
-        assert!(beside("dense peer, c").reason.contains("a step of 40 us"));
+        let against = |peer: &str| target(&all, &format!("direct, joint-ekf vs. the fastest {peer}"));
+        assert_eq!(against("structured peer, a").met, Some(true));
+        assert_eq!(against("dense peer, c").met, Some(false));
+        assert!(against("dense peer, c").reason.contains("a step of 40 us"));
     }
 }

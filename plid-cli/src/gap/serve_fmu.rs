@@ -12,8 +12,8 @@ use super::Failure;
 /// Serve an FMU as a simulator.
 ///
 /// Uses the protocol of docs/simulator-protocol.md on standard input and output. Diagnoses, predictions and `plid gap
-/// check-simulator` start this command for each FMU: it may crash or hang there without harm. Other programs may use
-/// it in the same way.
+/// check-simulator` run each FMU in this command, so that a crash or hang affects only the child process. Other
+/// programs may use it in the same way.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  plid gap serve-fmu model.fmu --rate 200 --parameter mass \\\n    \
                         --port joint=torque,angle,speed")]
@@ -38,7 +38,7 @@ pub struct Choice {
     /// be repeated.
     #[arg(long, value_name = "NAME=FORCE,DISPLACEMENT,VELOCITY")]
     port: Vec<PortVariables>,
-    /// Steps of the FMU in a sample [default: with ports, as many as the default experiment has; without 1].
+    /// FMU steps per sample [default: 1, or with ports the number in the FMU's default experiment].
     #[arg(long, value_name = "N")]
     steps_per_sample: Option<usize>,
     /// An input. May be repeated [default: all real inputs but those that only take the force of a port].

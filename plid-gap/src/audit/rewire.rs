@@ -350,8 +350,8 @@ fn side(
     let alike = scaled.len() == wires.len() && sizes.iter().all(|size| (size / sizes[0] - 1.0).abs() < distance);
     let text = |size: f64| match unit(size, distance) {
         Some((factor, units)) => format!("in other units, {} times the simulation's ({units})", short(factor)),
-        None if size < 1.0 => format!("{} times that of the simulation, as if it had almost no effect", short(size)),
-        None => format!("{} times that of the simulation, as in other units", short(size)),
+        None if size < 1.0 => format!("{} times as large as in the simulation, with almost no response", short(size)),
+        None => format!("{} times as large as in the simulation, perhaps in other units", short(size)),
     };
     if alike {
         either(&mut parts, &text(sizes[0]));

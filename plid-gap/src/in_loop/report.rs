@@ -26,7 +26,7 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
     let gap = &diagnosis.gap;
     let mut report =
         Report::new("The gap between the simulator and the records").verdict(&diagnosis.sentence).verdict(format!(
-            "Stated from the fitted records: a gap of {} ({} to {} in four of five records). Measured on {}: {}.",
+            "Predicted gap: {} (80 % interval {} to {}). Measured on {}: {}.",
             percent(gap.predicted_held_out_gap),
             percent(gap.predicted_ci80[0]),
             percent(gap.predicted_ci80[1]),
@@ -36,7 +36,7 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
     report = report.warnings(&diagnosis.warnings);
     report = report.heading("The gap before and after").figure(
         bars(&gap_bars(outcome)),
-        format!("The gap on {}. It is relative to the output; each output counts equally.", gap.measured_on.join(", ")),
+        format!("The gap on {}, relative to the output. All outputs have equal weight.", gap.measured_on.join(", ")),
     );
     report = traces_section(report, shown);
     report = report.heading("What was tried");
@@ -52,7 +52,7 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
         let mut table = Table::new(format!("The best entries of screen {}", stage + 1))
             .column("effect", "")
             .column("location", "")
-            .column("share of the squared gap that its trace explains", "%");
+            .column("share of the squared gap that it explains", "%");
         for (effect, location, share) in entries {
             table = table.row([effect.as_str().into(), location.as_str().into(), Cell::significant(100.0 * share, 3)]);
         }
@@ -61,7 +61,7 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
     let used = &diagnosis.simulator;
     report
         .paragraph(format!(
-            "The simulator, {}, was run {} times on one record each, {:.1} s in all.{}",
+            "The simulator, {}, was run {} times (one record per run), {:.1} s in total.{}",
             used.name,
             used.runs,
             used.seconds,

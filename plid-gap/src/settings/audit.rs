@@ -21,15 +21,15 @@ group! {
         /// Factor by which every change of the wiring must reduce the squared gap.
         change_price: f64 = 1.5, "1", 1.0..=1e6;
         /// Delay from which all channels count as delayed, as by a block of samples. A shorter delay is an effect,
-        /// which is fitted beside lags: a first-order lag that looks like a longer delay would remove most of the
-        /// signal.
+        /// which is fitted together with lags: a first-order lag that looks like a longer delay would remove most of
+        /// the signal.
         shortest_delay: usize = 16, "samples", 1.0..=1e6;
         /// Largest relative distance of a factor from one between units.
         unit_distance: f64 = 0.08, "1", 0.0..=1.0;
         /// Factor between units above which a single channel may have it. A smaller factor of a single channel may be a
         /// gain, and if the simulation is wrong in other ways too, least squares underestimate it.
         single_factor: f64 = 9.0, "1", 1.0..=1e9;
-        /// Factor above which a channel has other units, even if the factor is none between known units.
+        /// Factor above which a channel has other units, even if it is not a factor between known units.
         unknown_factor: f64 = 20.0, "1", 1.0..=1e9;
         /// Periods of the lowest mode that a record must contain: in fewer, the mode shows neither its decay nor its
         /// frequency.

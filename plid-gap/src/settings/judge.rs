@@ -17,8 +17,9 @@ group! {
         max_prior_z: f64 = 3.8, "std", 0.0..=1e6;
         /// Width of the transition at `max_prior_z`.
         prior_z_width: f64 = 0.3, "std", 1e-6..=1e6;
-        /// Gain of the best further entry of the screen, on the first samples, at which something else is as likely as
-        /// not. Beside a right explanation the best of a hundred entries gains up to 20.
+        /// Gain of the best remaining candidate of the screen, on the first samples, at which something else is as
+        /// likely as not. With the right explanation in place, the best of a hundred other entries still gains up to
+        /// 20.
         next_gain: f64 = 50.0, "2 ln L", 0.0..=1e9;
         /// Width of the transition at `next_gain`.
         next_gain_width: f64 = 8.0, "2 ln L", 1e-6..=1e9;
@@ -51,7 +52,7 @@ group! {
         /// Least probability of something else.
         least_unknown: f64 = 0.02, "1", 0.0..=1.0;
         /// Largest probability of something else, also if held-out records refute the best explanation. In half of the
-        /// blind cases in which nothing in the vocabulary sufficed, the cause was in it all the same, with another
+        /// blind cases in which nothing in the vocabulary sufficed, the cause was nevertheless in it, with another
         /// shape or together with another effect.
         most_unknown: f64 = 0.6, "1", 0.0..=1.0;
         /// Amplitude that an explanation may leave of the gap beyond noise and limits. With imperfect truths the true
@@ -89,8 +90,7 @@ group! {
         /// The effects are written into the simulation if the held-out gap with them is at most this multiple of the
         /// gap without them.
         no_worse: f64 = 1.001, "1", 1.0..=10.0;
-        /// Explanations without bounds on some record that are replaced by the next one before the refit takes their
-        /// place.
+        /// Largest number of diverging explanations that are replaced by the next one; after that the refit is used.
         most_refused: usize = 5, "explanations", 1.0..=100.0;
         /// Explanations for which the next experiment is chosen, in addition to those that the records cannot separate.
         experiment_rivals: usize = 3, "explanations", 0.0..=100.0;
@@ -101,7 +101,7 @@ group! {
         /// Length of the next experiment.
         experiment_samples: usize = 2000, "samples", 64.0..=1e9;
         /// Length of the next experiment over `experiment_samples` if the shorter one is not expected to separate the
-        /// explanations. Beside noise, an expected difference grows at least with the length.
+        /// explanations. Against noise, the expected difference grows at least in proportion to the length.
         experiment_longer: usize = 4, "1", 1.0..=1000.0;
         /// Factor by which an experiment must separate better than a simpler one to be proposed. An expected figure of
         /// one drawn signal scatters by a few per cent.

@@ -23,7 +23,7 @@ pub(super) fn section(report: Report, scores: &Scores) -> Report {
     if scores.main_cause.is_empty() {
         return report;
     }
-    let mut table = Table::new("Truths with small imperfections beside the main cause, per cent with 95 % intervals.")
+    let mut table = Table::new("Cases with a main cause and small imperfections (per cent, 95 % intervals).")
         .column("cases", "")
         .column("", "")
         .column("number", "")
