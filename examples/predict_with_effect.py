@@ -94,8 +94,9 @@ def course(t, s):
 
 
 # Effects on a channel: the new signal x, with parameters p, at times t (s), with h from one value to the next (s).
-# A command is held over h. What acts between samples gives the mean over h: while h is short beside the periods of the
-# structure, the structure cannot tell the two apart. PARTS says into how many parts a sample is divided for that.
+# A command is held over h. What acts between samples gives the mean over h: while h is short compared with the periods
+# of the structure, the structure responds to both in the same way. PARTS says into how many parts a sample is divided
+# for that.
 
 def actuator_hysteresis(x, p, t, h):
     out, z, before = np.empty_like(x), 0.0, 0.0

@@ -70,8 +70,8 @@ pub fn main() -> ExitCode {
     main_with(Library::standard())
 }
 
-/// The same with effects of one's own: `plid gap diagnose`, `plid gap predict` and `plid gap trial` then know them like
-/// the built-in ones.
+/// Runs the program with effects of your own: `plid gap diagnose`, `plid gap predict` and `plid gap trial` then treat
+/// them like the built-in ones.
 ///
 /// ```no_run
 /// use plid::gap::effects::{Effect, Library};

@@ -132,8 +132,8 @@ pub trait CovariancePropagation: Send + Sync + 'static {
     }
 
     /// Adds parameter noise of variance `q` a step to the variance of each parameter. A factored form may inflate one
-    /// parameter a step, in turn, by as much as gathers in a round; `step` tells whose turn it is. The loop calls it
-    /// only where a run asks for parameter noise.
+    /// parameter a step, in turn, by the noise accumulated over one round; `step` selects the parameter. The loop calls
+    /// it only where a run asks for parameter noise.
     ///
     /// # Errors
     /// [`Unsupported`] if the form has no such operation, as here.

@@ -11,7 +11,7 @@ pub struct View<'a, S> {
     stride: usize,
 }
 
-/// The same, to be written to.
+/// A mutable view of a column-major matrix.
 #[derive(Debug)]
 pub struct ViewMut<'a, S> {
     data: &'a mut [S],
@@ -95,7 +95,7 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
         View { data: self.data, rows: self.rows, columns: self.columns, stride: self.stride }
     }
 
-    /// This view once more, for a shorter time.
+    /// Reborrows the view.
     pub fn reborrow(&mut self) -> ViewMut<'_, S> {
         ViewMut { data: self.data, rows: self.rows, columns: self.columns, stride: self.stride }
     }
@@ -291,7 +291,7 @@ impl<S: Scalar> Dense<S> {
         self.data_mut().fill(value);
     }
 
-    /// The same matrix in another scalar, by way of `f64`: a double-double loses its second half.
+    /// Converts the matrix to another scalar by way of `f64`, so that a double-double loses its second half.
     pub fn cast<T: Scalar>(&self) -> Dense<T> {
         Dense::from_fn(self.rows, self.columns, |i, j| T::from_f64(self.at(i, j).to_f64()))
     }

@@ -84,12 +84,12 @@ impl NoiseModel {
         }
     }
 
-    /// The numbers of the paper, 0.005, 0.005 and 0.010, read as it uses them: as covariances.
+    /// The paper's numbers 0.005, 0.005 and 0.010, read as covariances, as the paper uses them.
     pub fn paper_literal(p: usize, m: usize, n: usize) -> Self {
         Self::diagonal(&vec![0.005; p], &vec![0.005; m], &vec![0.010; n])
     }
 
-    /// The same numbers read as what they are, volts RMS: their squares are the covariances.
+    /// The paper's numbers read as volts RMS, which they are: their squares are the covariances.
     pub fn paper_squared(p: usize, m: usize, n: usize) -> Self {
         let square = |x: f64| x * x;
         Self::diagonal(&vec![square(0.005); p], &vec![square(0.005); m], &vec![square(0.010); n])

@@ -75,7 +75,7 @@ pub fn close_loop(plant: &Model, controller: &Model) -> Result<Model, ModelError
     // y = of_states (x; xc) + of_inputs (v; r).
     let of_states = &solved * side_by_side(&plant.c, &(&plant.d * &seen));
     let of_inputs = &solved * side_by_side(&plant.d, &(&plant.d * &driven * &from_references));
-    // The plant's inputs, likewise.
+    // The plant's inputs in the same form.
     let command_of_states = side_by_side(&DMatrix::zeros(m, n), &seen) + &feedthrough * &of_states;
     let command_of_inputs =
         side_by_side(&DMatrix::identity(m, m), &(&driven * &from_references)) + &feedthrough * &of_inputs;

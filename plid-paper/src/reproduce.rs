@@ -141,7 +141,7 @@ impl Work<'_> {
         let (timed, plain): (Vec<&Task>, Vec<&Task>) = tasks.iter().partition(|task| task.claim.timed);
         // Longer ones would be better first, but nobody knows which they are; threads help each other within a claim.
         let mut results: Vec<Result<(), StudyError>> = plain.par_iter().map(|task| self.one(task)).collect();
-        // Beside other work there would be no timing.
+        // Timed claims run alone, because other work would disturb the timing.
         results.extend(timed.iter().map(|task| self.one(task)));
         results
     }

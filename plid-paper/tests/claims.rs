@@ -34,7 +34,7 @@ fn figures(id: &str, finding: &Finding, golden: &[Golden]) {
     }
 }
 
-/// The same for a claim that measures times: neither they nor the verdict, which depends on them, are compared.
+/// Checks a claim that measures times: neither they nor the verdict, which depends on them, are compared.
 fn unjudged(id: &str, golden: &[Golden]) {
     let directory = tempfile::tempdir().unwrap();
     figures(id, &quick(&[id], directory.path()).remove(0).1, golden);

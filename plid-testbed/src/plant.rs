@@ -162,7 +162,7 @@ pub fn truss_without_mode(config: &TrussConfig, mode: usize) -> Result<Truss, Te
     Ok(assemble_in(config, Plant::of_modes(modes, [ACTUATOR_POLE_HZ; INPUTS]), units))
 }
 
-/// The same with the displacement that counts as 1 V at each port given, in the modes' units.
+/// The truss of a plant, where `units` are the displacements that count as 1 V at each port, in the modes' units.
 pub(crate) fn assemble_in(config: &TrussConfig, plant: Plant, units: [f64; INPUTS]) -> Truss {
     let Plant { modes, axes, poles_hz } = plant;
     let step_s = 1.0 / config.sample_rate_hz;

@@ -10,14 +10,14 @@ use crate::run::{Variant, finish_with, outcome, relative};
 use crate::scalar_case::ScalarCase;
 use crate::{allocations, properties};
 
-/// How an expectation does beside exact Bayes on the scalar plant x+ = a x + b u + xi, z = x + w.
+/// Accuracy of an expectation relative to exact Bayes, on the scalar plant x+ = a x + b u + xi, z = x + w.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
     /// Root mean square error of a.
     pub rmse: f64,
-    /// The same of the exact posterior mean, which is the least that there is.
+    /// Root mean square error of the exact posterior mean of a, which is the least possible.
     pub exact_rmse: f64,
-    /// Mean of the squared error of a over its variance in P: 1 if P tells the accuracy as it is.
+    /// Mean of the squared error of a over its variance in P: 1 if P states the true accuracy.
     pub nees: f64,
 }
 

@@ -261,7 +261,7 @@ fn follows_the_channels<S: Kernels>(variant: &Variant<S>, case: &Case, order: &[
     assert!(ds < limit && dp < limit, "{} rescaled: s {ds:.1e}, P {dp:.1e}", variant.label());
 }
 
-/// P / lambda each step: the dense recursion with the same. A form that says that it cannot forget is left out.
+/// Compares P / lambda at each step with the dense recursion. A form that says that it cannot forget is skipped.
 fn forgets<S: Kernels>(variant: &Variant<S>, case: &Case, forgetting: f64) {
     let limit = rounding(variant, case);
     let mut case = case.clone();
@@ -340,8 +340,8 @@ pub fn checkpoints<S: Kernels>(variants: &[Variant<S>]) {
     variants.iter().for_each(|variant| continues_from_a_checkpoint(variant, &case));
 }
 
-/// Over a round of as many steps as there are parameters every form has added the same, q a step to each. A form that
-/// says that it cannot is left out.
+/// Over a round of as many steps as there are parameters, every form must add q a step to each parameter. A form that
+/// says that it cannot is skipped.
 pub fn parameter_noise_adds_up<C: Form>() {
     let form = ObservableForm::new(&[2, 1], 1).unwrap();
     let case = random_case(&[2, 1], 1, Options { full_initial: true, ..Options::default() }, 8);

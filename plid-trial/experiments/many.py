@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Measures what a trial of many cases costs beside the diagnosis: files, bytes, and the time of each step.
+"""Measures the overhead of a trial of many cases beyond the diagnosis: files, bytes, and the time of each step.
 
     experiments/trials/many.py PROGRAM OUT [--cases 10000] [--shards 16]
 

@@ -41,7 +41,7 @@ pub struct Cases {
     /// without that effect. As many of the other single effects are answered a second time without an effect that does
     /// not act.
     pub leave_one_out: usize,
-    /// One effect: so many in all, effects in turn; beside `singles_per_effect`.
+    /// One effect: total number of such cases, with effects in turn, in addition to those of `singles_per_effect`.
     pub singles: usize,
 }
 
@@ -77,7 +77,7 @@ pub struct Draw {
     pub length: f64,
     /// Least gap that an effect makes alone, whatever the noise.
     pub least: f64,
-    /// Gap that small effects make together, everywhere beside the effects of a case; 0 for none.
+    /// Gap that small effects make together, in addition to the effects of a case; 0 for none.
     pub imperfections: Span,
     /// How far the simulation of a case with imperfections is off, in standard deviations of the stated limits.
     pub beyond_limits: Span,
@@ -87,7 +87,7 @@ pub struct Draw {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Span {
-    /// Always the same.
+    /// This value in every case.
     Value(f64),
     /// From the first to the second.
     Range([f64; 2]),

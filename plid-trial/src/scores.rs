@@ -176,9 +176,9 @@ pub const ALL: &str = "all";
 pub const ARM: &str = "arm";
 /// The groups of single effects by gap.
 pub const GAP: &str = "gap";
-/// The same for effects with the vocabulary's own equation.
+/// The groups of single effects with the vocabulary's own equation by gap.
 pub const GAP_OWN: &str = "gap, own equation";
-/// The same for near misses in shape.
+/// The groups of near misses in shape by gap.
 pub const GAP_NEAR: &str = "gap, near miss";
 /// The groups of single effects at or above [`STRONG`] by equation.
 pub const EQUATION: &str = "equation";

@@ -99,8 +99,8 @@ pub(crate) fn targets(groups: &[Group]) -> Vec<Target> {
     targets
 }
 
-/// The same figures of each part of a trial that there are cases of. Power may fall there: the bounds are those of the
-/// whole, for comparison.
+/// The figures of each part of a trial that has cases. Power may be lower there: the bounds are those of the whole
+/// trial, for comparison.
 pub(crate) fn parts(groups: &[Group]) -> BTreeMap<&'static str, Vec<Target>> {
     let of = |part: &str, is: &str| totals(groups, &format!("{PART}{part}"), is, 0);
     let there = PARTS.iter().filter(|(part, _)| of(part, ALL).is_some());

@@ -26,7 +26,7 @@ macro_rules! every_form {
     };
 }
 
-/// The one list of conditional expectations, likewise.
+/// The list of conditional expectations, used in the same way.
 #[macro_export]
 macro_rules! every_expectation {
     ($then:ident $(, $argument:tt)*) => {

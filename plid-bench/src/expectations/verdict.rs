@@ -58,7 +58,8 @@ pub struct Standing {
     pub rmse_a: Option<(f64, f64)>,
     /// Free-run error over the default's, geometric mean over these cells.
     pub free_run_in_class: Option<f64>,
-    /// The same for the truss, over its signal-to-noise ratios, each expectation at the Sigma at which it does best.
+    /// Free-run error on the truss over the default's, geometric mean over its signal-to-noise ratios, each expectation
+    /// at the Sigma at which it does best.
     pub free_run_truss: Option<f64>,
     /// Runs lost or with a useless model, over all cells.
     pub failed: usize,

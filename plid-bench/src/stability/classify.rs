@@ -104,8 +104,8 @@ pub fn judge(cells: Vec<Cell>) -> Result<Vec<Judged>, ModelError> {
         .collect()
 }
 
-/// In f64, Bierman UD. Parameter noise enters a matrix in another way than a factor, which makes another filter of it;
-/// the peer of a matrix is then the direct form.
+/// The form in f64 with which a cell is compared: Bierman UD. Parameter noise enters a matrix in another way than a
+/// factor, which makes it a different filter; a matrix form is then compared with the direct form.
 fn peer_form(cell: &Cell) -> CovarianceName {
     if !cell.form.is_factored() && cell.group.parameter_noise > 0.0 {
         CovarianceName::Direct

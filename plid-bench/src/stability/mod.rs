@@ -51,7 +51,7 @@ pub fn carry_out(
 /// Runs the cells of a shard in a folder of its own in `directory`.
 ///
 /// # Errors
-/// The same.
+/// Those of [`carry_out`].
 pub fn run_shard(
     config: &Config,
     directory: &Path,

@@ -32,7 +32,7 @@ pub enum Entry {
 pub struct Found {
     /// The cells, in the order of the config.
     pub cells: Vec<Cell>,
-    /// The runs in double-double, likewise.
+    /// The runs in double-double, in the order of the config.
     pub references: Vec<ReferenceSummary>,
 }
 

@@ -59,7 +59,7 @@ struct Element<'a> {
 /// The next element.
 fn element<'a>(from: &mut Bytes<'a>) -> Result<Element<'a>, String> {
     let first = from.word()?;
-    // Up to four bytes stand in the tag itself, their number beside the type.
+    // Up to four bytes are in the tag itself, and their number is next to the type.
     let small = (first >> 16) as usize;
     if small > 0 {
         let data = from.take(4)?;

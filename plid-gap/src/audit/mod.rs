@@ -55,7 +55,7 @@ impl Audit {
     /// determined again.
     ///
     /// # Errors
-    /// The same errors as those of the first audit.
+    /// Those of the first audit.
     pub fn without(&self, case: &Case, library: &Library, without: &[String]) -> Result<Self, GapError> {
         look(case, library, without, &self.known.off, Some(self), &mut |_| {})
     }

@@ -21,7 +21,7 @@ use crate::error::GapError;
 #[serde(deny_unknown_fields)]
 pub struct ControllerConfig {
     /// Its file, a model.json relative to the case. Its outputs are inputs of the simulation; its inputs are outputs of
-    /// the simulation and, beside them, references.
+    /// the simulation and, optionally, references.
     pub model: String,
 }
 

@@ -55,7 +55,7 @@ impl Case {
         Self::read_with(path, path.parent().unwrap_or(Path::new(".")))
     }
 
-    /// The same with the records' files in another folder.
+    /// Reads a case whose records' files are in another folder.
     ///
     /// # Errors
     /// [`GapError`] with file, line, channel or key.

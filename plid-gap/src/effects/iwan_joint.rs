@@ -9,7 +9,7 @@ const ELEMENTS: usize = 64;
 /// beyond it.
 const SLIPS: [f64; 2] = [1.5, 5.0];
 
-/// The same for a given motion, which may be far beyond: nothing but the testing machine limits it.
+/// Such displacements for a prescribed motion, which may be far beyond full slip: only the testing machine limits it.
 const FAR: [f64; 2] = [0.01, 0.1];
 
 /// The exponent from which fits start. Those of bolted joints lie between -1 and 0.

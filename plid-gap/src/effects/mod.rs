@@ -161,7 +161,7 @@ pub struct Parameter {
     pub unit: String,
     /// Its range.
     pub range: Range,
-    /// Whether it may be left out, with those behind it: the equation then has a value of its own.
+    /// Whether it may be left out, together with later ones; the equation then uses a default.
     pub optional: bool,
 }
 
@@ -254,7 +254,7 @@ pub trait Effect: Send + Sync {
     }
 
     /// Returns the family to which it belongs: effects of one kind that records often cannot tell apart at one place,
-    /// such as laws of dry friction. An answer states the probability of the family beside that of the effect.
+    /// such as laws of dry friction. An answer states the probability of the family as well as that of the effect.
     fn family(&self) -> Option<&'static str> {
         None
     }

@@ -11,8 +11,8 @@ use crate::fit::problem::{Placed, sum_of_squares};
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
 
-/// Step of a difference quotient, in the logarithm of a positive parameter: large beside the rounding of a simulator
-/// with contacts, small beside the curvature of the laws.
+/// Step of a difference quotient, in the logarithm of a positive parameter: large compared with the rounding of a
+/// simulator with contacts, small compared with the range over which the laws curve.
 const DIFFERENCE: f64 = 0.01;
 
 /// Longest step of a parameter, in its unit or logarithm. The derivative says little about a value farther away.

@@ -264,7 +264,7 @@ impl<'a> Search<'_, 'a> {
         fits
     }
 
-    /// Runs an entry in three sizes beside other effects, and returns the best explanation.
+    /// Runs an entry in three sizes together with other effects, and returns the best explanation.
     pub(super) fn sized(
         &self,
         quick: &Problem<'a>,

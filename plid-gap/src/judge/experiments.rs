@@ -47,7 +47,7 @@ impl Experiment {
         Self { u, excitation: Excitation::Random, words, sensor: None }
     }
 
-    /// Returns the same with one more sensor.
+    /// Returns this experiment with one more sensor.
     pub fn with_sensor(&self, port: usize, name: &str) -> Self {
         let words = format!("{}, with one more sensor at port:{name}", self.words);
         Self { sensor: Some(port), words, ..self.clone() }

@@ -3,10 +3,10 @@
 //! The residual of a sound simulation is noise: its own past predicts a part of it, and the inputs add nothing to that.
 //! An effect that is missing is a function of the inputs, so with them the residual is predicted better than from its
 //! past alone (Granger, *Econometrica* 37, 1969, 424). Two predictors of the next value are compared by
-//! cross-validation over blocks of the records: a linear one of past residuals, and the same with polynomials of the
-//! inputs and the simulated outputs, as in a polynomial NARX model (Billings, *Nonlinear System Identification*, 2013,
-//! chapter 2). A residual that is sampled much faster than it changes is predicted from its own past, whatever its
-//! cause, so the prediction reaches further ahead there.
+//! cross-validation over blocks of the records: a linear one of past residuals, and one that also has polynomials of
+//! the inputs and the simulated outputs, as in a polynomial NARX model (Billings, *Nonlinear System Identification*,
+//! 2013, chapter 2). A residual that is sampled much faster than it changes is predicted from its own past, whatever
+//! its cause, so the prediction reaches further ahead there.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -138,7 +138,7 @@ fn of_output(driven: &[Driven], output: usize, past: usize) -> Option<Predictabi
     compared(&alone, &blocks(&rows(step, true), past)?, past + 1)
 }
 
-/// A driven record beside its simulation.
+/// A driven record with its simulation.
 struct Driven<'r> {
     record: &'r Record,
     simulated: &'r Channels,

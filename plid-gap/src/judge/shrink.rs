@@ -50,16 +50,16 @@ pub struct Gap {
     pub with_effect: f64,
     /// Gap of noise alone.
     pub noise_floor: f64,
-    /// 1 - with_effect / as_given, both beyond the floor.
+    /// Shrink: 1 - `with_effect` / `as_given`, both beyond `noise_floor`.
     pub shrink: f64,
     /// Its 95 % interval.
     pub shrink_ci95: [f64; 2],
-    /// The same over the bounded refit.
+    /// Shrink relative to the bounded refit: 1 - `with_effect` / `refit`, both beyond `noise_floor`.
     pub shrink_over_refit: f64,
-    /// Gap of a wrong effect with as many parameters.
+    /// Shrink by a reference effect (a wrong effect with as many parameters), minus that of the bounded refit.
     pub placebo_shrink: f64,
-    /// The effects over the bounded refit, over a linear refit without bounds and, if there is one, over the reference
-    /// effect.
+    /// Shrink by the effects relative to the bounded refit, to a linear refit without bounds and, if there is one, to
+    /// the reference effect.
     #[serde(default)]
     pub shrink_over: Vec<ShrinkOver>,
     /// Share of what a flexible model closes that the effects close.

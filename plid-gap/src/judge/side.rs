@@ -5,7 +5,7 @@
 //! strut does is a function of its motion, sent through its port; and a wrong mode has the shapes of that mode. The
 //! functions are free here: static curves, hysteresis and earlier values (the free shapes of `effects/flexible.rs`),
 //! and factors of the modes' shapes at one input or one output. For each place, the share of the residual that it can
-//! explain beside the bounded refit is computed by linear least squares. With one function of one channel, this share
+//! explain in addition to the refit is computed by linear least squares. With one function of one channel, this share
 //! is a coherence (Bendat and Piersol 2010, 7.3); along the column of an input or of a port, it is the part of rank
 //! one.
 //!

@@ -186,7 +186,7 @@ impl NoiseModel {
         self.fit_beside(stretches, None)
     }
 
-    /// The same with further sources.
+    /// Fits the variances of sensors, modal forces and further sources to stretches.
     pub fn fit_beside(&self, stretches: &[Stretch], others: impl IntoIterator<Item = Source>) -> Self {
         let modes = (0..self.plant.modes.len()).map(Source::Mode);
         self.fit_with(stretches, &modes.chain(others).collect::<Vec<Source>>(), ROUNDS, 1)

@@ -109,7 +109,7 @@ mod tests {
         Plant::new(&Model::new(1000.0, a, b, c, DMatrix::zeros(1, 1)).unwrap()).unwrap()
     }
 
-    /// The same mass without a spring, of which only the speed is a state.
+    /// That mass without a spring; only its speed is a state.
     fn motor() -> Plant {
         let (a, b) = crate::testing::held(&dmatrix![-1.5], &dmatrix![0.5], 1e-3);
         Plant::new(&Model::new(1000.0, a, b, dmatrix![1.0], DMatrix::zeros(1, 1)).unwrap()).unwrap()

@@ -182,10 +182,10 @@ mod tests {
         }
     }
 
-    /// A slow pole beside a mode is no actuator before it, although one input drives all poles: a model identified from
-    /// records of a position, whose slow pole contributes half of the static response.
+    /// A slow pole in a plant with a mode is not taken for an actuator, although one input drives all poles: a model
+    /// identified from records of a position, whose slow pole contributes half of the static response.
     #[test]
-    fn a_slow_pole_beside_a_mode_is_no_lag() {
+    fn a_slow_pole_next_to_a_mode_is_not_a_lag() {
         let (w, slow, rate) = (250.0, 19.0, 750.0);
         let a = nalgebra::dmatrix![0.0, 1.0, 0.0; -w * w, -0.1 * w, 0.0; 0.0, 0.0, -slow];
         let (a, b) = testing::held(&a, &nalgebra::dmatrix![0.0; 1.0; slow / (w * w)], 1.0 / rate);

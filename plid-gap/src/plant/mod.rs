@@ -102,7 +102,8 @@ pub struct NonModal {
     pub continuous: Option<(DMatrix<f64>, DMatrix<f64>)>,
 }
 
-/// A port of internal forces: dz/dt += force f, d = 2 Re(displacement . z) + displacement_rest . x, and likewise v.
+/// A port of internal forces: dz/dt += force f and d = 2 Re(displacement . z) + displacement_rest . x; v has the same
+/// form.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Port {
     /// Its name; that of the input if it was inferred.
@@ -589,7 +590,7 @@ impl Plant {
         self.product_of(mode, o, i, self.sensed[o].order)
     }
 
-    /// The same for an output that measures a derivative of another order.
+    /// Returns gamma_o beta_i of a mode for an output that measures a derivative of another order.
     fn product_of(&self, mode: &Mode, o: usize, i: usize, order: i32) -> f64 {
         let pole = mode.pole;
         let both = mode.c[o] * mode.b[i] / (self.chain.behind(o, pole) * self.chain.before(i, pole));

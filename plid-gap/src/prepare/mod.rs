@@ -628,7 +628,8 @@ fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
     }
 }
 
-/// The same for a plant without modes, for a port that belongs to no input. One if nothing is driven.
+/// Returns the force at a port that belongs to no input, in a plant without modes, that moves the states as much as the
+/// inputs do; one if nothing is driven.
 fn force_on_rest(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
     let Some((_, b)) = &plant.rest.continuous else { return 1.0 };
     let forced = plant.ports[port].force_rest.norm_squared();

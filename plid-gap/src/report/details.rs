@@ -208,7 +208,7 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         ("gap with all effects", gap.with_effect),
         ("gap of noise alone", gap.noise_floor),
         ("predicted gap (before the held-out record was used)", gap.predicted_held_out_gap),
-        ("shrink by a reference effect, relative to the bounded refit", gap.placebo_shrink),
+        ("shrink by a reference effect, minus that of the bounded refit", gap.placebo_shrink),
     ];
     for (name, value) in rows {
         table = table.row([name.into(), figure(value)]);
@@ -323,11 +323,10 @@ fn stages(report: Report, outcome: &Outcome) -> Report {
 
 fn quiet(report: Report, outcome: &Outcome) -> Report {
     let shown = &outcome.shown;
-    let mut noise =
-        Table::new("Noise that no command explains, and share of the initial squared gap, by output.")
-            .column("output", "")
-            .column("RMS of the noise", "as recorded")
-            .column("share of the squared gap", "%");
+    let mut noise = Table::new("Noise that no command explains, and share of the initial squared gap, by output.")
+        .column("output", "")
+        .column("RMS of the noise", "as recorded")
+        .column("share of the squared gap", "%");
     let channels = &outcome.diagnosis.place.channels;
     for (name, rms) in shown.outputs.iter().zip(&outcome.simulation.noise_rms) {
         let share = channels.get(name).copied().unwrap_or(f64::NAN);

@@ -41,9 +41,8 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
     };
     report = match levels(outcome) {
         Some(svg) => report.figure(svg, level_caption(outcome)),
-        None => report.paragraph(
-            "The fitted records have only one level, so the dependence of the gap on the level is unknown.",
-        ),
+        None => report
+            .paragraph("The fitted records have only one level, so the dependence of the gap on the level is unknown."),
     };
     report
 }

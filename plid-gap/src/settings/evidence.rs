@@ -17,7 +17,7 @@ group! {
         mostly: f64 = 3.0, "1", 1.0..=1e6;
         /// Share of its prior to which a single record must narrow a frequency for the mode to be visible there.
         frequency_narrowed: f64 = 0.05, "1", 0.0..=1.0;
-        /// The same of a damping ratio.
+        /// Share of its prior to which this record must also narrow the damping ratio of the mode.
         damping_narrowed: f64 = 0.2, "1", 0.0..=1.0;
         /// Records from which the trend of a resonance is stated.
         trend_records: usize = 3, "records", 2.0..=1000.0;

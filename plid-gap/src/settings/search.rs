@@ -91,7 +91,7 @@ group! {
         most_size: f64 = 3.0, "1", 1.0..=1e6;
         /// Gain that a free shape must have in the quick fits: eight coefficients gain eight by chance.
         shape_gain: f64 = 40.0, "2 ln L", 0.0..=1e9;
-        /// The same on whole records.
+        /// Gain that a free shape must have on whole records.
         shape_gain_whole: f64 = 160.0, "2 ln L", 0.0..=1e9;
         /// Amplitude of the gap beyond noise and limits that an explanation must leave for a free shape to be tried in
         /// addition to an error of the simulation itself.

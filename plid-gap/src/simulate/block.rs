@@ -36,7 +36,7 @@ struct RestStep {
 }
 
 /// The maps of a block at certain poles. A motion is that of all ports: the displacements at the ends of all parts,
-/// then the velocities. Forces stand likewise: what is held over each part, then the change over it.
+/// then the velocities. Forces are stored in the same order: what is held over each part, then the change over it.
 pub struct Maps {
     /// Turn of the modes.
     pub turn: Vec<Quad>,
@@ -74,7 +74,7 @@ impl States {
         self.modes.iter().zip(&column.modes).map(|(a, b)| (a * b).re).sum::<f64>() + self.rest.dot(&column.rest)
     }
 
-    /// The same now and after each of some parts.
+    /// Returns the state now and after each of `count` parts.
     fn turned(self, turn: &[C], a: &DMatrix<f64>, count: usize) -> Vec<Self> {
         let next = |at: &Self| {
             let modes = at.modes.iter().zip(turn).map(|(z, turn)| z * turn).collect();

@@ -164,7 +164,7 @@ fn a_spring_that_moves_the_resonance_far_is_found() {
     assert!(!spring.shape_differs && found.gap.with_effect < 1.2 * found.gap.noise_floor, "{}", found.sentence);
 }
 
-/// The same spring with a difference between its two directions, and a little that no explanation has. A stop on one
+/// That spring with a difference between its two directions, and a little that no explanation has. A stop on one
 /// side imitates both parts better than each of them does alone, but not better than both do together.
 #[test]
 fn two_parts_of_a_strong_spring_are_found_behind_what_imitates_them() {

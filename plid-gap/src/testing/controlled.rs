@@ -39,7 +39,7 @@ fn controller([p, d, i]: [f64; 3]) -> Model {
     model
 }
 
-/// The same without a reference.
+/// A [`controller`] without a reference.
 fn without_reference(gains: [f64; 3]) -> Model {
     let mut model = controller(gains);
     model.inputs.truncate(1);

@@ -462,7 +462,7 @@ pub(crate) fn scaled_model(identified: &IdentifiedModel, prepared: &Prepared) ->
     Ok(model)
 }
 
-/// The same in the units of the data: in canonical form, and as it is handed over.
+/// Converts a model to the units of the data: in canonical form, and as it is handed over.
 fn in_data_units(
     scaled: &Model,
     predictor: Option<&Predictor>,

@@ -48,7 +48,7 @@ fn highest(measured: &WelchFrf, low: f64, high: f64) -> usize {
     inside.max_by(|&a, &b| level(measured, a).total_cmp(&level(measured, b))).expect("there are lines in the band")
 }
 
-/// The measured peaks of the five modes beside the true ones.
+/// The measured peaks of the five modes compared with the true ones.
 struct Peaks {
     rows: Vec<Vec<String>>,
     /// The largest distance in frequency, Hz.

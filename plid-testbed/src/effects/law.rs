@@ -28,7 +28,7 @@ impl Plant {
         Self { modes: Vec::new(), axes: Some(axes), poles_hz: [f64::INFINITY; crate::INPUTS] }
     }
 
-    /// The same with so many times the gain from commands to outputs.
+    /// Multiplies the gain from commands to outputs.
     pub(crate) fn amplified(mut self, gain: f64) -> Self {
         let scale = gain.sqrt();
         for mode in &mut self.modes {

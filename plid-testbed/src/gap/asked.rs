@@ -24,8 +24,8 @@ const RESISTANCE: [&str; 5] =
 const POSITION: [&str; 3] = ["added-stiffness", "end-stop", "one-sided-stop"];
 /// Elastic joints.
 const JOINT: [&str; 4] = ["backlash", "clearance", "cubic-stiffness", "joint-hysteresis"];
-/// What may be between a command and a torque. With one input and one output, a gain, a lag or a delay of the sensor is
-/// the same, and is not asked about.
+/// Effects between a command and a torque. With one input and one output, a gain, a lag or a delay of the sensor is
+/// equivalent, and is not asked about.
 const COMMAND: [&str; 9] = [
     "actuator-dead-zone",
     "actuator-delay",

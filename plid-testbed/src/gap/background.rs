@@ -1,4 +1,4 @@
-//! Small imperfections everywhere, as every real structure has them beside any one cause.
+//! Small imperfections everywhere, which every real structure has in addition to any single cause.
 
 use std::ops::Range;
 
@@ -30,7 +30,7 @@ pub(crate) struct Background {
     pub gap: f64,
 }
 
-/// A kind of effect with the laws that it may follow beside its own.
+/// A kind of effect with the laws that it may follow in addition to its own.
 type Kind = (&'static str, &'static [&'static str]);
 
 const STRUT: [Kind; 6] = [

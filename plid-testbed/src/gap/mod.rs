@@ -69,7 +69,7 @@ pub enum GapError {
     Apart {
         /// The key.
         key: &'static str,
-        /// What it cannot stand beside.
+        /// The key with which it cannot be combined.
         other: &'static str,
         /// Why.
         reason: &'static str,

@@ -184,7 +184,7 @@ impl Without {
     }
 }
 
-/// Scores the answers with each of `steps` off beside the trial's own; writes ablation.json and report.html into `out`.
+/// Scores the answers with each of `steps` off and the trial's own; writes ablation.json and report.html into `out`.
 ///
 /// # Errors
 /// As [`crate::score()`]; [`TrialError::Changed`] also where the trial's own answer is not the one that this program

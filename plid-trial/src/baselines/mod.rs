@@ -23,7 +23,7 @@ use sparse::Sparse;
 pub struct Baselines {
     /// The candidates of the diagnosis ranked by BIC, without a test of whether the best is adequate.
     pub ranking: Claim,
-    /// The same ranking for the second answer.
+    /// This ranking for the second answer.
     pub ranking_left_out: Option<Claim>,
     /// The baselines that require a simulation.
     pub fitted: Option<Fitted>,

@@ -350,8 +350,8 @@ fn update_flops(size: &StepSize, corrections: f64) -> Vec<Term> {
     ]
 }
 
-/// A symmetric block has n (n + 1) / 2 entries that count; one beside the diagonal n^2, and the sum of those is added
-/// to its transpose.
+/// A symmetric block on the diagonal has n (n + 1) / 2 entries that count. A block off the diagonal has n^2, and the
+/// sum of these blocks is added to its transpose.
 fn block_flops(size: &StepSize, pairs: f64) -> Vec<Term> {
     let (n, c) = (size.n, size.columns());
     let mirrored = if pairs > 0.0 { n * n } else { 0.0 };

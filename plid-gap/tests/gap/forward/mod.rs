@@ -46,11 +46,11 @@ pub struct Check {
 pub struct Rig {
     /// The structure in physical form.
     pub truss: Truss,
-    /// The same in a random basis, as in model.json.
+    /// The structure in a random basis, as in model.json.
     pub model: Model,
-    /// The same as plid-gap decomposes it.
+    /// The structure as plid-gap decomposes it.
     pub plant: Plant,
-    /// The properties of the same that effects use.
+    /// The properties of the structure that effects use.
     pub setting: Setting,
     /// White noise of unit RMS.
     pub u: Channels,
@@ -64,7 +64,7 @@ impl Rig {
         Self::with(seed, |_| {})
     }
 
-    /// Creates the same with a change before the simulation is made.
+    /// Creates three modes with a change before the simulation is made.
     pub fn with(seed: u64, change: impl FnOnce(&mut Truss)) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut truss = Truss::draw(&MODES, &mut rng);

@@ -26,10 +26,10 @@ pub struct ActuatorSlewLimit {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SlewLaw {
-    /// At R until it is there.
+    /// Moves at rate R until the target is reached.
     #[default]
     Hard,
-    /// du'/dt = R tanh((u - u') / e) with e of 0.1 V: slower as it comes near.
+    /// du'/dt = R tanh((u - u') / e) with e = 0.1 V: slower near the target.
     Soft,
 }
 
