@@ -330,7 +330,7 @@ class Loop:
         self.drivers = self.references + [model["inputs"][i] for i in self.others]
 
     def driven_by(self, given):
-        """The part of the inputs that is no feedback, from the references and the inputs that it does not drive."""
+        """The inputs without the feedback, from the references and the inputs that the controller does not drive."""
         v, x = np.zeros((len(self.c), given.shape[1])), np.zeros(len(self.a))
         references = given[:len(self.references)]
         for k in range(given.shape[1] if self.references else 0):
@@ -473,8 +473,8 @@ def structure(model, q, u, parts, t, forces, pushes, drifts, loop):
             if waits and part == (k + 1) * parts - 1:
                 x[rest] = rest_a @ x[rest] + rest_b @ u[:, k * parts:part + 1].mean(axis=1)
             if forces:
-                # So far the forces were held. What they are at the end of that step says how they change on the way: the
-                # change is a ramp (exponential time differencing of second order, Cox and Matthews 2002).
+                # So far the forces were held. What they are at the end of that step says how they change on the way:
+                # the change is a ramp (exponential time differencing of second order, Cox and Matthews 2002).
                 before, seen = seen, (sees @ x).reshape(-1, 2).tolist()
                 for j, (name, p, _) in enumerate(forces):
                     # Friction that holds its port, or on whose way the velocity passes zero, becomes the force that

@@ -40,7 +40,7 @@ pub enum Warning {
         channel: String,
         /// Samples that are missing.
         missing: usize,
-        /// Samples in all.
+        /// Total number of samples.
         samples: usize,
     },
     /// The anti-alias filter turns one missing sample into many.

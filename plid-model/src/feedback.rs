@@ -19,11 +19,11 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// Wires a controller to a plant by the names of the channels. An input of the controller that is no output of the
-    /// plant is a reference.
+    /// Wires a controller to a plant by the names of the channels. An input of the controller that is not an output of
+    /// the plant is a reference.
     ///
     /// # Errors
-    /// [`ModelError::Key`] if an output of the controller is no input of the plant, or if the controller reads no
+    /// [`ModelError::Key`] if an output of the controller is not an input of the plant, or if the controller reads no
     /// output; [`ModelError::LoopRates`].
     pub fn new(plant: &Model, controller: &Model) -> Result<Self, ModelError> {
         let (plant_hz, controller_hz) = (plant.sample_rate_hz, controller.sample_rate_hz);
@@ -103,7 +103,7 @@ fn solved(d: &DMatrix<f64>, feedthrough: &DMatrix<f64>) -> Result<DMatrix<f64>, 
     let matrix = DMatrix::identity(p, p) - d * feedthrough;
     let sizes = matrix.singular_values();
     let ratio = sizes.min() / sizes.max();
-    // NaN is no solution either.
+    // NaN is not a solution either.
     let inverse = if ratio > WELL_POSED { matrix.try_inverse() } else { None };
     inverse.ok_or(ModelError::AlgebraicLoop { ratio })
 }

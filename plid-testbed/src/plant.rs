@@ -44,7 +44,7 @@ pub struct Truss {
 }
 
 /// The noise that enters x_{k+1} = A x_k + B (u_k + v_k) + xi_k, z_k = C x_k + w_k; all three independent of each other
-/// and white. `u_k` is the command as the DAC gives it, so its rounding is no noise.
+/// and white. `u_k` is the command as the DAC gives it, so its rounding is not noise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoiseCovariances {
     /// Covariance of w (p x p, V^2): sensor noise and the rounding of the ADC.

@@ -33,7 +33,7 @@ fn cases() -> impl Strategy<Value = Case> {
 }
 
 fn config() -> ProptestConfig {
-    // The same cases on every run: a property that fails one time in a hundred is no use to whoever broke nothing.
+    // The same cases on every run: a property that fails one time in a hundred helps nobody who broke nothing.
     // For other cases set PROPTEST_RNG_SEED, for more PROPTEST_CASES.
     let asked = ProptestConfig::default();
     let rng_seed = match asked.rng_seed {

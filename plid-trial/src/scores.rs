@@ -433,7 +433,7 @@ impl Scores {
         }
     }
 
-    /// Cases that are scored: a second answer is no case of its own.
+    /// Cases that are scored: a second answer is not a separate case.
     pub fn scored(&self) -> usize {
         self.cases.iter().filter(|line| line.without.is_empty()).count()
     }

@@ -19,7 +19,7 @@ pub const SHARDS: &str = "shards";
 pub struct Shard {
     /// From 1 to `of`.
     pub number: usize,
-    /// Shards in all.
+    /// Total number of shards.
     pub of: usize,
 }
 

@@ -156,7 +156,7 @@ fn an_output_may_be_a_device_a_pipe_or_a_link() {
     assert_eq!(std::fs::read_to_string(at.join("real.csv")).unwrap(), "y\n3\n8\n");
 }
 
-/// A reader that has gone, as `head` does, is no failure; a disk that is full is.
+/// A reader that has gone, as `head` does, is not a failure; a full disk is.
 #[cfg(target_os = "linux")]
 #[test]
 fn standard_output_may_be_closed_or_full() {
@@ -328,7 +328,7 @@ fn an_interrupted_run_leaves_a_checkpoint_that_resume_takes_up() {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     std::thread::sleep(std::time::Duration::from_millis(500));
-    // A process that is done cannot be signalled, which is no failure.
+    // A process that is done cannot be signalled, which is not a failure.
     Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     let status = child.wait().unwrap();
     // On a machine that is done by then there is nothing to resume; the bytes must agree all the same.

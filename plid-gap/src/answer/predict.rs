@@ -108,8 +108,8 @@ impl Predictor {
         Ok(Self { model, inputs, t0, noise_rms, fitted, intersample, plant, actions })
     }
 
-    /// Returns the part of commands (m channels) that is no feedback, by the outputs that were measured with them (p
-    /// channels), as the input of a prediction; `None` if the commands are the input, or references are.
+    /// Returns the part of commands (m channels) that does not come from feedback, by the outputs that were measured
+    /// with them (p channels), as the input of a prediction; `None` if the commands are the input, or references are.
     pub fn without_feedback(&self, commands: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Channels> {
         let controller = self.plant.controller.as_ref().filter(|controller| controller.references.is_empty())?;
         Some(controller.without_feedback(commands, measured))
@@ -169,7 +169,7 @@ impl Predictor {
         self.free_run(&self.driven(u), t0)
     }
 
-    /// Returns the inputs of the model (m channels): in closed loop, the part of the command that is no feedback.
+    /// Returns the inputs of the model (m channels): in closed loop, the part of the command without feedback.
     fn driven(&self, u: &[Vec<f64>]) -> Channels {
         let held = self.intersample.held(u);
         self.plant.controller.as_ref().map_or(held.clone(), |controller| controller.driven_by(&held))

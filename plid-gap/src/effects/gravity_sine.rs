@@ -13,7 +13,7 @@ const SHARES: [f64; 2] = [0.1, 1.0];
 /// gravity by a third, a third of its size is left as stiffness. Beyond this range the law only bends another spring.
 const HELD: std::ops::Range<f64> = -3.0..1.5;
 
-/// The largest RMS angle in the linear simulation. Above it, an axis turns over; or the displacement is no angle.
+/// The largest RMS angle in the linear simulation. Above it, an axis turns over; or the displacement is not an angle.
 const TURNS_OVER: f64 = std::f64::consts::PI;
 
 impl Effect for GravitySine {

@@ -284,7 +284,7 @@ pub trait Effect: Send + Sync {
     }
 
     /// Returns whether the parameters still mean what the name says. A hysteresis that never yields is a gain, and a
-    /// gap that never closes is no effect.
+    /// gap that never closes does not act.
     fn sound(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> bool {
         true
     }

@@ -110,7 +110,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let free_blocks = of(&free_refit(quick, limits), &[]);
     let reference_blocks = reference_effect(quick, found).map(|(plant, actions)| of(&plant, &actions));
     let reference_gap = reference_blocks.as_ref().map_or(bounded, Blocks::gap);
-    // A flexible model that is worse than the explanation is no upper bound.
+    // A flexible model that is worse than the explanation is not an upper bound.
     let ceiling_blocks = ceiling(quick, found)
         .map(|(plant, actions)| of(&plant, &actions))
         .filter(|ceiling| ceiling.gap() < with_effect)

@@ -241,7 +241,7 @@ mod tests {
         assert!((value - 1.3).abs() < 0.05 && *gain > 20.0 && causes[1].3 < 0.5 * gain, "{causes:?}");
     }
 
-    /// Many small errors are no cause.
+    /// Many small errors are not a cause.
     #[test]
     fn small_errors_everywhere_are_no_cause() {
         let (causes, _) = found(1.0);

@@ -96,7 +96,7 @@ fn replaced<'a>(
     let there = |placed: &Placed| others.iter().any(|other| same(other, placed)) || !may(placed);
     let without = Fit { effects: others.clone(), ..best.clone() };
     let counts = [settings.fitted / 2, settings.polished / 2];
-    // Windows are no fair comparison: each has an initial state of its own.
+    // Windows do not give a fair comparison, because each has its own initial state.
     let incumbent = (!problem.few()).then_some(&best.effects[place]);
     let searched = SearchStage::new(problem, quick, &without, incumbent, &there, price, counts);
     let (_, fits) = searched.without(problem, quick, &there, price);

@@ -239,7 +239,7 @@ fn after<'a>(
 }
 
 /// Fits a further time without the last effect, from where the fit with it ended, and returns the better one of this
-/// and the best explanation. What the linear parameters alone gain on that way is no gain of the effect.
+/// and the best explanation. The gain by the linear parameters alone is not a gain of the effect.
 fn without_last<'a>(
     problem: &Problem,
     best: Fit<'a>,

@@ -29,7 +29,7 @@ group! {
         kind_ratio: f64 = 0.5, "1", 0.0..=1.0;
         /// Largest distance of a response from the derivative of its presumed integral, such as the
         /// displacement at a port whose velocity is measured. Exact simulations have none, and one that was identified
-        /// from records a little; a motor, whose position is no combination of its states, has nearly one.
+        /// from records a little; a motor, whose position is not a combination of its states, has nearly one.
         port_distance: f64 = 0.1, "1", 0.0..=1.0;
         /// Largest phase of a mode's residue between a force and the displacement where it acts, which is a positive
         /// number in a structure without damping. A sensor elsewhere sees some mode with the opposite sign.

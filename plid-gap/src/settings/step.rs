@@ -109,9 +109,9 @@ impl Step {
             Self::PortScales => "scales at inferred ports rest on reciprocity",
             Self::Material => "an effect's price alone decides whether it is accepted",
             Self::Stochastic => "no stochastic effect is found in quiet records and raw values",
-            Self::Excess => "residual power above the noise is no evidence for something else",
-            Self::BeyondLimits => "linear parameters beyond their limits are no evidence for something else",
-            Self::Coherent => "a further entry of the screen is no evidence for something else",
+            Self::Excess => "residual power above the noise does not count as evidence for something else",
+            Self::BeyondLimits => "linear parameters beyond their limits do not count as evidence for something else",
+            Self::Coherent => "a further entry of the screen does not count as evidence for something else",
             Self::FreeShapes => "no free shape is tried",
             Self::ModalPlaces => "no location on a single mode is tried",
             Self::HeldOutVeto => "held-out records refute nothing",
@@ -133,7 +133,7 @@ impl FromStr for Step {
     fn from_str(text: &str) -> Result<Self, String> {
         let known = || Self::ALL.map(Self::name).join(", ");
         let found = Self::ALL.into_iter().find(|step| step.name() == text);
-        found.ok_or_else(|| format!("`{text}` is no step that can be off; those are {}", known()))
+        found.ok_or_else(|| format!("`{text}` is not a step that can be switched off; those are {}", known()))
     }
 }
 

@@ -12,8 +12,8 @@ pub(crate) trait StructureEffect {
     /// truss in `x` and `rate`.
     fn add_rate(&self, t_s: f64, x: &[f64], rate: &mut [f64]);
 
-    /// Adds what a force that is no function of the state, such as one that holds a body still, does to the state over
-    /// the last `_h_s` seconds, which `_x` has already gone through without it.
+    /// Adds what a force that is not a function of the state, such as one that holds a body still, does to the state
+    /// over the last `_h_s` seconds, which `_x` has already gone through without it.
     fn settle(&self, _h_s: f64, _x: &mut [f64]) {}
 
     /// Takes note of the state at the end of a step, if the force depends on where the motion has been.

@@ -122,7 +122,7 @@ fn checks() -> impl Iterator<Item = &'static Check> {
 fn every_effect_agrees_with_an_independent_answer() {
     let library = Library::standard();
     for check in checks() {
-        assert!(library.get(check.effect).is_some(), "{} is no effect", check.effect);
+        assert!(library.get(check.effect).is_some(), "{} is not an effect", check.effect);
     }
     let effects: Vec<&dyn Effect> = library.effects().collect();
     let found: Vec<(&str, Option<(f64, f64)>)> = effects
