@@ -41,7 +41,7 @@ pub struct Choice {
     /// FMU steps per sample [default: 1, or with ports the number in the FMU's default experiment].
     #[arg(long, value_name = "N")]
     steps_per_sample: Option<usize>,
-    /// An input. May be repeated [default: all real inputs but those that only take the force of a port].
+    /// An input. May be repeated [default: all real inputs except those that only take the force of a port].
     #[arg(long, value_name = "NAME")]
     input: Vec<String>,
     /// An output. May be repeated [default: all real outputs].
