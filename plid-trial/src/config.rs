@@ -171,7 +171,7 @@ impl TrialConfig {
             problems.push(("effects", "an entry occurs twice".to_owned()));
         }
         match self.total() {
-            0 => problems.push(("cases", "no case is asked for".to_owned())),
+            0 => problems.push(("cases", "the trial has no cases".to_owned())),
             1..=MOST => {}
             total => problems.push(("cases", format!("{total} cases are asked for, but at most {MOST} are possible"))),
         }
@@ -198,10 +198,10 @@ impl TrialConfig {
             problems.push(("effects", format!("`{name}` makes sense on none of the `plants`")));
         }
         if self.cases.outsiders > 0 && !OUTSIDERS.iter().any(|kind| self.is_taken(kind.name)) {
-            problems.push(("outsiders", "none makes sense on one of the `plants`".to_owned()));
+            problems.push(("outsiders", "no outsider makes sense on any of the `plants`".to_owned()));
         }
         if draw.imperfections.ends()[1] > 0.0 && draw.plants.iter().any(|plant| plant.has_axes()) {
-            let reason = "those that are drawn are of structures, and not of all of the `plants`";
+            let reason = "imperfections are drawn only for structures, and some of the `plants` have axes";
             problems.push(("imperfections", reason.to_owned()));
         }
     }

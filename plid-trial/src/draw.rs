@@ -143,7 +143,8 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
             Err(error) => return Err(not_drawn(planned, &error)),
         }
     }
-    let reason = last.map_or("it is never clear of what a nuisance may be".to_owned(), |e| e.to_string());
+    let reason = last
+        .map_or("it never exceeds what the stated limits of nuisance parameters allow".to_owned(), |e| e.to_string());
     Err(TrialError::Draw { what: what(planned), reason: format!("{ATTEMPTS} draws failed: {reason}") })
 }
 

@@ -71,7 +71,7 @@ pub enum TrialError {
     },
     /// Answers of different programs cannot be scored together.
     #[error(
-        "{what} comes from {theirs}, but {} {ours}; answer all cases with one program, in a folder of its own",
+        "{what} comes from {theirs}, but {} {ours}; answer all cases with one program, in a separate folder",
         if *running { "this is" } else { "another comes from" }
     )]
     OtherProgram {

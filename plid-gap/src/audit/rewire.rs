@@ -299,10 +299,10 @@ fn sentence(wiring: &Wiring, case: &Case, before: f64, after: f64) -> String {
     let config = &case.config;
     let distance = config.settings.audit.unit_distance;
     let mut parts = side(&wiring.outputs, &config.outputs, ["output", "input"], distance, |name, other| {
-        format!("what is recorded as {name} looks like the simulation's {other}")
+        format!("the channel recorded as {name} looks like the simulation's {other}")
     });
     parts.extend(side(&wiring.inputs, &config.inputs, ["input", "output"], distance, |name, other| {
-        format!("the simulation's {name} looks driven by what is recorded as {other}")
+        format!("the simulation's {name} looks driven by the channel recorded as {other}")
     }));
     let seconds = wiring.delay.unsigned_abs() as f64 / config.rate();
     match wiring.delay {

@@ -219,7 +219,7 @@ pub(super) fn sentence(
             let others = match judged.not_separable.first() {
                 None => String::new(),
                 Some(other) => {
-                    format!(" These records cannot separate it from {}.", in_words(other, &problem.setting.names))
+                    format!(" These records cannot distinguish it from {}.", in_words(other, &problem.setting.names))
                 }
             };
             format!(

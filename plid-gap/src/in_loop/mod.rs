@@ -176,7 +176,10 @@ fn require_same_channels(case: &Case, description: &Description) -> Result<(), G
     }
     let (rate, own) = (case.config.rate(), description.rate_hz);
     if (rate / own - 1.0).abs() > 1e-6 {
-        return Err(wrong("sample_rate_hz", format!("the records have {rate} Hz, the simulator {own} Hz")));
+        return Err(wrong(
+            "sample_rate_hz",
+            format!("the records are sampled at {rate} Hz, the simulator at {own} Hz"),
+        ));
     }
     Ok(())
 }

@@ -39,8 +39,8 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
         format!("The gap on {}, relative to the output. All outputs have equal weight.", gap.measured_on.join(", ")),
     );
     report = traces_section(report, shown);
-    report = report.heading("What was tried");
-    let mut fits = Table::new("Explanations that were fitted on the simulator, the best first")
+    report = report.heading("The explanations that were tried");
+    let mut fits = Table::new("Explanations that were fitted with the simulator, best first")
         .column("explanation", "")
         .column("left beyond the noise", "% of the output");
     for (words, left) in &shown.fits {
@@ -49,7 +49,7 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
     report = report.table(fits);
     report = parameters(report, outcome);
     for (stage, entries) in shown.screens.iter().enumerate() {
-        let mut table = Table::new(format!("The best entries of screen {}", stage + 1))
+        let mut table = Table::new(format!("Best entries of screen {}", stage + 1))
             .column("effect", "")
             .column("location", "")
             .column("share of the squared gap that it explains", "%");
@@ -65,9 +65,9 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
             used.name,
             used.runs,
             used.seconds,
-            if used.cut_short { " The bound on the runs ended the search early." } else { "" }
+            if used.cut_short { " The search ended early, at the limit on runs." } else { "" }
         ))
-        .listing("The case, every default filled in:", to_toml(&case.config))
+        .listing("The case, with all default values:", to_toml(&case.config))
         .provenance("plid", env!("CARGO_PKG_VERSION"))
         .provenance("simulator", &simulation.simulator.name)
 }
@@ -115,7 +115,7 @@ fn traces_section(mut report: Report, shown: &Shown) -> Report {
 
 /// Adds the table of what is named.
 fn parameters(report: Report, outcome: &LoopOutcome) -> Report {
-    let mut table = Table::new("What is named, with 95 % intervals")
+    let mut table = Table::new("Named effects and parameters, with 95 % intervals")
         .column("effect", "")
         .column("location", "")
         .column("sure", "%")

@@ -186,7 +186,7 @@ fn start<'a>(
     }
     candidates.extend(tried);
     let words = in_words(&top.effects, &problem.setting.names);
-    say(format!("{words} accounts for what the refit has spread over many parameters ({gain:.0})"));
+    say(format!("{words} explains changes that the refit has spread over many parameters ({gain:.0})"));
     Some(top)
 }
 

@@ -98,16 +98,13 @@ impl Step {
     /// Returns how a diagnosis differs without the step.
     pub fn when_off(self) -> &'static str {
         match self {
-            Self::Audit => "crossed, negated, delayed or clipped channels and other units are not looked for",
+            Self::Audit => "swapped, negated, delayed or clipped channels and other units are not detected",
             Self::NoiseFit => "noise is taken as declared, and nothing is found in quiet records",
-            Self::Clipping => {
-                "the search starts from the refit as it is, however far its parameters are outside their \
-            prior"
-            }
+            Self::Clipping => "the search starts from the refit, however far its parameters are outside their prior",
             Self::Polishing => "quick fits are only judged on whole records",
-            Self::Questioning => "of several effects, one that was accepted stays",
-            Self::PortScales => "scales at inferred ports rest on reciprocity",
-            Self::Material => "an effect's price alone decides whether it is accepted",
+            Self::Questioning => "accepted effects are not tested again",
+            Self::PortScales => "scales at inferred ports follow from reciprocity alone",
+            Self::Material => "an effect is accepted if it pays for its parameters, however little it explains",
             Self::Stochastic => "no stochastic effect is found in quiet records and raw values",
             Self::Excess => "residual power above the noise does not count as evidence for something else",
             Self::BeyondLimits => "linear parameters beyond their limits do not count as evidence for something else",
@@ -116,7 +113,7 @@ impl Step {
             Self::ModalPlaces => "no location on a single mode is tried",
             Self::HeldOutVeto => "held-out records refute nothing",
             Self::Temperature => "probabilities are the textbook's",
-            Self::RenewedNoise => "the noise stays as it was first fitted",
+            Self::RenewedNoise => "the first fit of the noise is kept",
         }
     }
 }

@@ -78,9 +78,9 @@ pub(super) fn first(report: Report, scores: &Scores) -> Report {
     };
     report.heading("Power against strength").figure(
         svg,
-        "Single effects. Above: the effect was named, and nothing else. Below: the first name was stated with a \
-         probability of 0.9 or more, and wrong. Sparse regression and linear refit state no probability: what they \
-         name counts as certain. The band is plid's 95 % interval (Clopper-Pearson).",
+        "Single effects. Above: exactly the true effect was named. Below: the first name was wrong but stated with a \
+         probability of 0.9 or more. Sparse regression and linear refit state no probability, so the effects that \
+         they name count as certain. The band is plid's 95 % interval (Clopper-Pearson).",
     )
 }
 
@@ -158,6 +158,6 @@ pub(super) fn reliability(report: Report, scores: &Scores) -> Report {
     });
     report.heading("Calibration").figure(
         chart(&reliability),
-        format!("All cases, by ten equal stretches of the stated probability. {}", figures.unwrap_or_default()),
+        format!("All cases, in ten equal bins of the stated probability. {}", figures.unwrap_or_default()),
     )
 }

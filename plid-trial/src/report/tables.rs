@@ -254,5 +254,5 @@ fn nuisances(report: Report, scores: &Scores) -> Report {
             number(t.shrink_median, 2),
         ]);
     }
-    report.heading("What breaks it").table(table)
+    report.heading("Sensitivity to nuisances").table(table)
 }
