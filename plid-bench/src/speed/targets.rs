@@ -180,7 +180,7 @@ fn two_threads(outcome: &Outcome, form: Form) -> Vec<Target> {
         let reason = if met {
             String::new()
         } else {
-            "the parts that run on one thread, and the handing over between threads".into()
+            "the parts that run on one thread, and the synchronisation of the threads".into()
         };
         Some(Target { what, target: "≥ 1.5 × as fast".into(), found, met: Some(met), reason })
     };

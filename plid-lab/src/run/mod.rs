@@ -234,7 +234,7 @@ fn require_single(experiment: &Experiment) -> Result<(), RunError> {
         return Err(setting(key, reason));
     }
     if experiment.structure.kind == StructureKind::SimoMerge {
-        return Err(setting("structure", "runs that are to be merged are several: `merge::carry_out` makes them"));
+        return Err(setting("structure", "a merge consists of several runs: `merge::carry_out` makes them"));
     }
     Ok(())
 }

@@ -13,7 +13,7 @@ pub const CLAIM: Claim = claim!("fig4",
     statement: "The transfer function from actuator 1 to sensor 2, 50-300 Hz, random excitation, 64 averages, shows a \
         group of modes near 60 Hz some 40 dB down, then modes at 136, 168, 186, 212 and 243 Hz.",
     limit: "The truss was given these frequencies and this level. What is tested is that such a measurement shows \
-        them; that the real structure had them is the paper's word.",
+        them; that the real structure had them is stated only by the paper.",
     timed: false,
 );
 

@@ -140,7 +140,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .figure("largest distance of the density from the filter's, 20-350 Hz", off, "dB")
         .part(
             "From 20 to 350 Hz the density is the filter's within 3 dB (so many averages leave 1 dB of scatter a line, \
-             and the largest of a hundred lines is looked at).",
+             and the largest deviation of a hundred lines counts).",
             off < 3.0,
         )
         .part(
@@ -159,7 +159,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .say(format!(
             "From 600 Hz on the command is below the floor of 5 mV, but that of a sampled filter of this kind already \
              is from {from:.0} Hz on (measured {measured:.0} Hz), and that of an analogue one from {ideal:.0} Hz. The \
-             converter's rounding takes over at {rounded:.0} Hz, or {ideal_rounded:.0} Hz. The paper's figure lies between the two \
-             floors of an analogue filter."
+             converter's rounding takes over at {rounded:.0} Hz, or {ideal_rounded:.0} Hz. The paper's figure lies \
+             between the two floors of an analogue filter."
         )))
 }
