@@ -129,7 +129,7 @@ fn parameter_noise_verdict(cells: &Cells<'_>, tested: Option<(usize, usize)>) ->
         None => "It was not tested in f32.".into(),
         Some((kept, worth)) => format!(
             "In f32, parameter noise keeps a matrix positive in {kept} of the cells below, in {worth} of them at a \
-             free-run error of at most 1.5 times that of Bierman UD without noise."
+             free-run error of less than 1.5 times that of Bierman UD without noise."
         ),
     };
     let verdict = format!(
