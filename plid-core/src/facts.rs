@@ -1,4 +1,4 @@
-//! What a catalogue and the studies need to know about a variant in addition to its arithmetic. Every item is required:
+//! Facts about a variant that a catalogue and the studies need in addition to its arithmetic. Every item is required:
 //! a variant that lacks one does not compile into a catalogue.
 
 use crate::{Checkpointed, ConditionalExpectations, CovariancePropagation, Dense, Health, Inspect};
@@ -36,7 +36,7 @@ impl StepSize {
 /// One part of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Term {
-    /// What is done.
+    /// The operation.
     pub what: &'static str,
     /// Its operations; a multiplication and an addition are two.
     pub flops: f64,

@@ -222,7 +222,7 @@ impl CheckScratch {
     }
 }
 
-/// What a step uses of the noise model: the moments of v and xi given w, for the available
+/// The part of the noise model that a step uses: the moments of v and xi given w, for the available
 /// outputs.
 #[derive(Clone, Debug)]
 pub struct NoiseTerms<S> {

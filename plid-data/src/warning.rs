@@ -18,7 +18,7 @@ pub enum Warning {
         file: String,
         /// The variable.
         variable: String,
-        /// What it is, as `a struct`.
+        /// Its kind, such as `a struct`.
         what: String,
     },
     /// An input that never changes.

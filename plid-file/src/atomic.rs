@@ -13,8 +13,9 @@ const LINKS: usize = 40;
 /// file's name. A reader sees the old content or the new one, even after a crash. The permissions of an old file are
 /// kept.
 ///
-/// A link is followed, so that it stays a link and the file it names is replaced. What is neither a file nor missing (a
-/// device, a pipe) is written to directly. Temporary files that a killed process left for this file are removed.
+/// A link is followed, so that it stays a link and the file it names is replaced. A path that is neither a file nor
+/// missing (a device, a pipe) is written to directly. Temporary files that a killed process left for this file are
+/// removed.
 ///
 /// # Errors
 /// Returns the error of the file system. The temporary file is then removed and `path` is as it was.

@@ -16,7 +16,7 @@ pub(crate) enum Version {
     Three,
 }
 
-/// What is wrong with a description.
+/// The fault of a description.
 #[derive(Debug)]
 pub(crate) enum Fault {
     /// It violates the standard.

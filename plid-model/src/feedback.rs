@@ -9,7 +9,7 @@ const SAME_RATE: f64 = 1e-6;
 /// Smallest singular value of I - D Dc, over its largest, with which an algebraic loop counts as solvable.
 const WELL_POSED: f64 = 1e-9;
 
-/// What a controller reads and drives, by the channels of its plant.
+/// The channels of a plant that its controller reads and drives.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Wiring {
     /// For each input of the controller, the output of the plant that it reads; `None` for a reference.

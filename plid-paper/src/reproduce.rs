@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::claim::{Claim, Context, Finding, Panel, Verdict};
 use crate::page::{self, Line};
 
-/// What to run.
+/// The claims to run, and how.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// The claims; empty for all.
@@ -224,7 +224,7 @@ fn keep(task: &Task, finding: &Finding, at: &Path) -> Result<(), StudyError> {
 pub struct Summary {
     /// The claim.
     pub id: &'static str,
-    /// What the paper says.
+    /// The statement of the paper.
     pub statement: &'static str,
     /// The verdict.
     pub verdict: Verdict,

@@ -21,11 +21,11 @@ pub(crate) struct Axes {
     pub stiffness: DMatrix<f64>,
     /// The diagonal of G (n entries).
     pub drive: Vec<f64>,
-    /// What the sensors show.
+    /// The quantity that the sensors measure.
     pub shown: Shown,
 }
 
-/// What the sensors of axes show.
+/// The quantities that the sensors of axes measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shown {
     Position,
@@ -42,7 +42,7 @@ impl Shown {
     }
 }
 
-/// What an axis has of itself: force in V over acceleration, velocity and displacement.
+/// The inertia, damping and stiffness of an axis: force in V over acceleration, velocity and displacement.
 pub(crate) struct Own {
     pub inertia: f64,
     pub damping: f64,
@@ -114,7 +114,7 @@ impl Axes {
         (if free { count } else { 0 }..2 * count).collect()
     }
 
-    /// What an axis has of itself. Its inertia is that which a force along it alone accelerates.
+    /// The inertia, damping and stiffness of an axis. The inertia is that of a force along this axis alone.
     pub(crate) fn own(&self, axis: usize) -> Own {
         let at = (axis, axis);
         let drive = self.drive[axis];

@@ -39,7 +39,7 @@ pub struct Truss {
     pub noise: NoiseCovariances,
     /// Where a force may act at the strut of each input.
     pub ports: Vec<StrutPort>,
-    /// What is unusual about this plant at this rate.
+    /// Unusual properties of this plant at this rate.
     pub warnings: Vec<Warning>,
 }
 
@@ -251,7 +251,7 @@ fn noise(
     }
 }
 
-/// What a constant force of 1 V at the strut of each input gives there, in the modes' units.
+/// The static displacement by a force of 1 V at the strut of each input, in the modes' units.
 pub(crate) fn compliances(modes: &[Mode]) -> [f64; INPUTS] {
     std::array::from_fn(|j| modes.iter().map(|mode| (mode.input_shape[j] / mode.angular_frequency()).powi(2)).sum())
 }

@@ -161,7 +161,7 @@ pub fn record(
     (zs, us)
 }
 
-/// What may vary between cases.
+/// Properties that vary between cases.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Samples.

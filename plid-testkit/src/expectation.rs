@@ -1,4 +1,4 @@
-//! What can be asked of any conditional expectation.
+//! Requirements on any conditional expectation.
 
 use plid_backends::Plain;
 use plid_core::ConditionalExpectations;

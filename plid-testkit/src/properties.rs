@@ -1,4 +1,4 @@
-//! What holds for any structure, record and noise.
+//! Properties that hold for any structure, record and noise.
 
 use crate::case::{Case, Options, random_case};
 use crate::dense::Mat;
@@ -161,8 +161,8 @@ fn stays_a_covariance<S: Kernels>(variant: &Variant<S>, case: &Case) {
     assert!(health.index < p.rows());
 }
 
-/// What rounding may do to a run. The matrix forms subtract: what is left of P carries the roundoff of the largest P
-/// that there was, and the gain divides by R.
+/// Limit on the effect of rounding on a run. The matrix forms subtract: the remaining P has the roundoff of the largest
+/// P that there was, and the gain divides by R.
 fn rounding<S: Kernels>(variant: &Variant<S>, case: &Case) -> f64 {
     let mut run = variant.with_form::<BiermanUd<Plain<S>>>().on(case);
     let mut largest = outcome(&run).1.norm();

@@ -55,7 +55,7 @@ pub(crate) struct Seal {
     pub repeated: usize,
     /// The program that drew it.
     pub program: Program,
-    /// What was asked for.
+    /// The request.
     pub config: TrialConfig,
 }
 

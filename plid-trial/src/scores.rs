@@ -389,7 +389,7 @@ impl Groups<'_> {
     }
 }
 
-/// What the scores state besides the cases.
+/// The parts of the scores other than the cases.
 pub(crate) struct Given {
     pub name: String,
     pub seed: u64,

@@ -10,7 +10,7 @@ use crate::statistics::Rate;
 /// A figure and its target.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Target {
-    /// What the figure is.
+    /// Name of the figure.
     pub what: String,
     /// Whether `bound` is a lower bound; otherwise it is an upper bound.
     pub at_least: bool,

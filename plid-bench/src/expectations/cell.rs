@@ -155,7 +155,7 @@ impl Cell<'_> {
     /// an end.
     ///
     /// # Errors
-    /// What the testbed says.
+    /// The error of the testbed.
     pub fn measure(&self, config: &Config, progress: &dyn Progress) -> Result<Option<Finished>, TestbedError> {
         let (methods, reference) = self.methods();
         let runs = self.plant.runs();

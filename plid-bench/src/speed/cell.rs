@@ -1,4 +1,4 @@
-//! What is timed.
+//! The cells of the study, which are timed.
 
 use plid_catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 use plid_core::StepSize;

@@ -1,4 +1,4 @@
-//! What a speed study measures, and for how long.
+//! The config of a speed study: the cells that it measures, and for how long.
 
 use itertools::iproduct;
 use plid_catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};

@@ -1,4 +1,4 @@
-//! What the recursion is meant to reach at n = 64 (N = 448), and whether it does.
+//! Targets of the recursion at n = 64 (N = 448), and whether they are met.
 
 use plid_catalogue::{CovarianceName as Form, ExpectationName as Expectation, ScalarName, Variant};
 use serde::Serialize;
@@ -16,11 +16,11 @@ pub const SAMPLE_US: f64 = 625.0;
 /// One target.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Target {
-    /// What is looked at.
+    /// The quantity.
     pub what: String,
-    /// What to reach, in words; empty where it is only stated.
+    /// The target in words; empty where the quantity is only stated.
     pub target: String,
-    /// What was found, in words.
+    /// The measured value in words.
     pub found: String,
     /// Whether it is reached; none where it is only stated.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -93,7 +93,7 @@ fn stated(what: String, found: String) -> Target {
     Target { what, target: String::new(), found, met: None, reason: String::new() }
 }
 
-/// What keeps a step from its target time, by the measured limits.
+/// Why a step does not reach its target time, by the measured limits.
 fn reason(outcome: &Outcome, timing: &Timing, target_us: f64) -> String {
     let Some([operations_us, bytes_us]) = outcome.bounds_us(timing) else { return "no limit was measured".into() };
     let megaflops = timing.operations.total() as f64 / 1e6;

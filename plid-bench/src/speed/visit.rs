@@ -15,7 +15,7 @@ use super::histogram::Histogram;
 use super::limits::{Pass, passes, peak, time};
 use crate::{Loop, Workload};
 
-/// What is kept of a visit.
+/// The result of a visit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Visit {
     /// Median time of a step, us.

@@ -96,7 +96,7 @@ pub struct ErrorAt {
     pub covariance: Option<f64>,
 }
 
-/// What one step rounds.
+/// The rounding error of one step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LocalAt {
     /// The step, from 1.

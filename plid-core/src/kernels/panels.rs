@@ -105,7 +105,7 @@ pub fn advance_panel<S: Scalar>(
     }
 }
 
-/// What goes into one column.
+/// The contribution to one column.
 struct Column<'a, S> {
     layout: PanelLayout,
     theta: View<'a, S>,

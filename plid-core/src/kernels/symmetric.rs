@@ -1,4 +1,4 @@
-//! What a covariance of which the lower triangle is stored goes through in a step.
+//! The operations of a step on a covariance of which the lower triangle is stored.
 
 use super::{Pack, Shift};
 use crate::{Scalar, View, ViewMut};

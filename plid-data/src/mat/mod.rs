@@ -19,7 +19,7 @@ struct Found {
     contents: Contents,
 }
 
-/// What a variable holds.
+/// The content of a variable.
 enum Contents {
     Real(ArrayD<f64>),
     /// A description of what it is.

@@ -144,7 +144,7 @@ fn expect<'a>(parts: &mut Bytes<'a>, kind: u32, what: &str) -> Result<&'a [u8], 
     if is_it { Ok(part.data) } else { Err(format!("type {} where its {what} is expected", part.kind)) }
 }
 
-/// What a class asks for behind the name. `parts` must hold that and nothing else.
+/// The elements that a class requires after the name. `parts` must contain these and nothing else.
 fn contents(mut parts: Bytes, class: u32, is_complex: bool, shape: &[usize]) -> Result<Contents, String> {
     let numeric = 1 + usize::from(is_complex);
     let (wanted, what) = match class {

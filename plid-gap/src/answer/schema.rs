@@ -306,7 +306,7 @@ pub struct SimulationWithEffects {
     pub controller: Option<serde_json::Value>,
     /// The changes by the refit in words and figures.
     pub refit: Vec<String>,
-    /// What the inputs do between the samples; absent if they keep their values.
+    /// The course of the inputs between the samples; absent if they are held.
     #[serde(default, skip_serializing_if = "Intersample::is_zoh")]
     pub intersample: Intersample,
     /// The effects. Those on commands act in this order, and so do those on outputs.

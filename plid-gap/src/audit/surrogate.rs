@@ -46,7 +46,7 @@ pub struct Surrogate {
     pub prior_std: Vec<f64>,
     /// Its error on the records from which it was identified, if that is not noise.
     pub model_error: Option<ModelError>,
-    /// What it takes the inputs to do between the samples.
+    /// The assumed course of the inputs between the samples.
     pub intersample: Intersample,
 }
 

@@ -269,7 +269,7 @@ struct Judging<'j> {
     /// Sum of squares without effects.
     before: f64,
     level: NoiseLevel,
-    /// What the explanation leaves, if that counts as noise.
+    /// The residual of the explanation, if it counts as noise.
     unpredicted: Option<&'j Unpredicted>,
 }
 

@@ -64,7 +64,7 @@ impl Effect for GravitySine {
     }
 }
 
-/// What the simulation's spring has too much of: k d - k sin(d).
+/// The excess force of the simulation's spring: k d - k sin(d).
 struct Sine {
     k: f64,
 }

@@ -16,7 +16,7 @@ pub struct Units {
     pub outputs: Vec<Option<String>>,
     /// Units of force and displacement at each port, as a simulator states them.
     pub ports: Vec<[Option<String>; 2]>,
-    /// What is said of a channel without a unit; V if this is empty.
+    /// The unit of a channel without a declared unit; V if this is empty.
     pub unknown: Option<&'static str>,
 }
 

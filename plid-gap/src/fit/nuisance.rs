@@ -16,7 +16,7 @@ const INITIAL_STATE_STD: f64 = 3.0;
 /// Median of the absolute value of a standard normal variable.
 const NORMAL_MEDIAN: f64 = 0.6745;
 
-/// What a linear parameter of the simulation changes.
+/// The quantity that a linear parameter of the simulation changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// A frequency, a damping ratio or another number of a pole, the size of its contribution included.

@@ -35,7 +35,7 @@ struct Remembered {
 /// Name, location and parameters of an effect that reaches the simulator.
 type Written = (String, String, Vec<f64>);
 
-/// What acts at the simulator's ports in one run.
+/// The actions at the simulator's ports in one run.
 #[derive(Default)]
 struct AtPorts<'a> {
     laws: Vec<(usize, &'a dyn Force)>,

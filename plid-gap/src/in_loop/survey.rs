@@ -91,7 +91,7 @@ pub(super) fn survey(
     Ok(Survey { setting, responses, start })
 }
 
-/// What is said of a channel for which neither the case nor the simulator states a unit.
+/// The unit of a channel for which neither the case nor the simulator states one.
 const AS_RECORDED: &str = "as recorded";
 
 /// Returns the units that the case declares, or else the simulator.

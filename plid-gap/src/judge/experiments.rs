@@ -36,7 +36,7 @@ pub(super) struct Experiment {
     /// The inputs.
     pub u: Channels,
     pub excitation: Excitation,
-    /// What to record, without the length.
+    /// The record to take, in words without its length.
     pub words: String,
     /// The port at which there is one more sensor.
     pub sensor: Option<usize>,

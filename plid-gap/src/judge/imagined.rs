@@ -12,7 +12,7 @@ use crate::noise::NoiseModel;
 use crate::noise::whiten::Whitener;
 use crate::simulate::{Fineness, simulate};
 
-/// What an experiment is expected to tell between the best explanation and a rival.
+/// Expected log likelihood ratio of an experiment between the best explanation and a rival.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Separation {
     /// The expected log likelihood ratio.

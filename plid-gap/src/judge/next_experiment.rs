@@ -62,7 +62,7 @@ struct Asked<'q, 'a> {
     noise: &'q NoiseModel,
     best: &'q Fit<'a>,
     rivals: &'q [Fit<'a>],
-    /// What the records tell about each rival's parameters.
+    /// The information of the records on each rival's parameters.
     known: Vec<Option<DMatrix<f64>>>,
 }
 

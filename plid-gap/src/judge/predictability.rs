@@ -68,7 +68,7 @@ impl Predictability {
     }
 }
 
-/// What an explanation leaves, if it counts as noise because the inputs do not predict it.
+/// The residual of an explanation that counts as noise because the inputs do not predict it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unpredicted {
     /// The share of its innovations that the inputs may predict, at the output where that is largest.

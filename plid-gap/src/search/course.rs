@@ -154,7 +154,7 @@ mod tests {
         not_of_time(problem, &refitted, &best).map(|found| found.effect)
     }
 
-    /// What goes on within the records stands, and what changes only from one to the next does not.
+    /// A change within the records is accepted as a drift; a change only from one record to the next is not.
     #[test]
     fn a_change_that_is_constant_within_each_record_is_no_drift() {
         let cases: [(&'static dyn Effect, Place); 2] =

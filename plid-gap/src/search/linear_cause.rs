@@ -38,7 +38,7 @@ struct LinearCause<'a> {
     placed: Placed<'a>,
     /// Twice the log likelihood ratio of the linear parameters with and without it.
     gain: f64,
-    /// What the refit has taken of the cause.
+    /// The part of the cause that the refit has absorbed.
     taken: Vec<f64>,
 }
 
@@ -101,8 +101,8 @@ fn causes<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Sc
     causes
 }
 
-/// What the records say of the simulation's linear parameters, in standard deviations of their prior. The others, such
-/// as initial states, are eliminated.
+/// The information of the records on the simulation's linear parameters, in standard deviations of their prior. The
+/// others, such as initial states, are eliminated.
 struct Known {
     std: DVector<f64>,
     /// H_so H_oo^-1, with the normal matrix H of the parameters s and the others o.

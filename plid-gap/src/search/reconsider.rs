@@ -8,7 +8,7 @@ use crate::search::stage::SearchStage;
 
 /// The effect that was added last.
 pub(super) struct Latest {
-    /// What it gained.
+    /// Its gain.
     pub gain: f64,
     /// Whether the scales of the ports have changed since.
     pub scaled: bool,

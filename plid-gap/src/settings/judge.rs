@@ -117,7 +117,7 @@ group! {
         /// Least lead of that share over the largest one on any other side. Smaller leads belong to the many small
         /// errors of every simulation.
         side_lead: f64 = 0.05, "1", 0.0..=1.0;
-        /// What the places of other sides leave must be at least this multiple of what the best place leaves.
+        /// Least ratio of the misfit that the places of other sides leave to the misfit that the best place leaves.
         side_ratio: f64 = 2.0, "1", 1.0..=1e3;
         /// Explanations with a smaller probability are not listed.
         least_probability: f64 = 1e-4, "1", 0.0..=1.0;

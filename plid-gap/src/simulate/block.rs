@@ -11,7 +11,7 @@ use crate::plant::{Carried, Plant, phi1};
 use crate::simulate::lanes::{self, Quad, Rows, WIDE};
 use plid_fourier::C;
 
-/// What is stepped: a plant over blocks, with forces and disturbances at ports (their numbers).
+/// The stepped system: a plant over blocks, with forces and disturbances at ports (their numbers).
 pub struct Block {
     /// Number of parts of a block.
     pub parts: usize,

@@ -11,7 +11,7 @@ use crate::simulate::feedback::Feedback;
 use crate::simulate::lanes::{self, Lane, Quad, Rows, WIDE};
 use plid_fourier::C;
 
-/// What differs between runs in step: the command and the disturbances.
+/// The signals that differ between runs in step: the command and the disturbances.
 pub struct Given {
     /// The command.
     pub drive: Drive,

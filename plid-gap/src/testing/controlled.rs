@@ -111,7 +111,7 @@ fn reference(seed: u64, level: f64) -> Vec<f64> {
     (0..SAMPLES).map(|k| level * drawn[k / 40]).collect()
 }
 
-/// What is declared as the inputs of a case.
+/// The signals that are declared as the inputs of a case.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum Given {
     References,

@@ -250,10 +250,10 @@ fn require_parts(prepared: &Prepared, training: &[Samples<'_>]) -> Result<(), Ru
     Ok(())
 }
 
-/// What a run has decided before its recursion.
+/// The decisions of a run before its recursion.
 struct Settled {
     plan: Plan,
-    /// What the choice of the covariance form depends on.
+    /// The conditions that determine the covariance form.
     conditions: Conditions,
     scan: Option<OrderScan>,
     index_search: Vec<ScanRow>,
@@ -342,7 +342,7 @@ pub(crate) fn bank(experiment: &Experiment, base: &Path) -> Result<(Prepared, Op
     Ok((prepared, bank))
 }
 
-/// What the stages of a run share.
+/// The data that the stages of a run share.
 struct Actor<'a> {
     experiment: &'a Experiment,
     base: &'a Path,

@@ -1,4 +1,4 @@
-//! What a sweep runs: an experiment, and the values that some of its keys take.
+//! The grid of a sweep: an experiment, and the values of its varied keys.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};

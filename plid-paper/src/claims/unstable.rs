@@ -104,7 +104,7 @@ fn largest(roots: &[Complex<f64>]) -> f64 {
     roots.iter().map(|root| root.norm()).fold(0.0, f64::max)
 }
 
-/// What the records of all seeds give for one plant.
+/// The results of all seeds for one plant.
 struct Found {
     pole_errors: Vec<f64>,
     zero_errors: Vec<f64>,

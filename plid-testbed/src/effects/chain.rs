@@ -68,7 +68,7 @@ impl Span<'_> {
     }
 }
 
-/// What an effect needs to know when a record begins.
+/// The information that an effect needs when a record begins.
 pub(crate) struct Site<'a> {
     pub truss: &'a Truss,
     pub clock: Clock,

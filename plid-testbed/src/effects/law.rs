@@ -1,4 +1,4 @@
-//! What every effect of the list can do.
+//! The operations of every effect of the list.
 
 use super::chain::{Chain, Site};
 use super::place::ModeNumber;
@@ -56,7 +56,7 @@ pub(crate) struct Load {
     pub stiffness: f64,
 }
 
-/// What the values of an effect are checked against.
+/// The limits that the values of an effect must satisfy.
 pub(crate) struct Limits {
     pub sample_rate_hz: f64,
     /// End of the last record, s.

@@ -25,7 +25,7 @@ pub enum Side {
     Sensor,
 }
 
-/// What an effect does in one record, from rest. All signals are in volts, times in seconds.
+/// The action of an effect in one record, from rest. All signals are in volts, times in seconds.
 pub enum Action {
     /// The force on the structure at a strut, from the strut's displacement (V) and velocity (V/s).
     Force(Box<dyn Fn(f64, f64) -> f64>),

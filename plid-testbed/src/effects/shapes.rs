@@ -26,7 +26,7 @@ impl Limit {
     }
 }
 
-/// What lies beyond a gap around zero: x - g above g, x + g below -g.
+/// The part beyond a gap around zero: x - g above g, x + g below -g.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Gap {

@@ -88,7 +88,7 @@ const EXCERPT: usize = 1000;
 /// rate.
 const RESIDUAL_HZ: Range<f64> = 420.0..0.475 * STRUCTURE_HZ;
 
-/// What a case's effects are drawn for.
+/// The case for which effects are drawn.
 pub(crate) struct Scene<'a> {
     pub seed: u64,
     pub spec: &'a GapSpec,

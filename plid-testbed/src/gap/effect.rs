@@ -15,7 +15,7 @@ use crate::effects::{Effect, own};
 use crate::streams::{Purpose, stream};
 use crate::{ACTUATOR_POLE_HZ, INPUTS, OUTPUTS};
 
-/// What kind of place an effect takes.
+/// The kind of place that an effect takes.
 enum Place {
     Input,
     InputOrAll,

@@ -54,8 +54,8 @@ pub struct LabelledBackground {
     pub imperfect: bool,
     /// The gap that they make together, without noise.
     pub imperfections: f64,
-    /// What they and the noise make of the held-out record without the main effects: the gap of a simulation that has
-    /// none of these effects and whose own parameters are exact.
+    /// The gap that they and the noise cause on the held-out record without the main effects: that of a simulation that
+    /// has none of these effects and whose own parameters are exact.
     pub gap_background: f64,
     /// This gap for the nominal simulation, whose parameters have errors.
     pub gap_background_as_given: f64,
@@ -245,7 +245,7 @@ fn clear_of_the_axis_s(effect: &Effect, axes: &Axes) -> bool {
     }
 }
 
-/// What a simulation is off by more than the stated limits: frequencies, damping ratios, and poles of actuators, for
+/// Errors of a simulation beyond the stated limits: frequencies, damping ratios, and poles of actuators, for
 /// which no limits are stated.
 pub(crate) fn off_limits(base: &Truss, nominal: &Truss, inputs: usize) -> Vec<LabelledEffect> {
     let off = |effect: &str, loc: usize, par: f64, hz: f64| LabelledEffect {

@@ -1,4 +1,4 @@
-//! What surrounds a plant: the rate, the commands, the sensors and their converters.
+//! The surroundings of a plant: the rate, the commands, the sensors and their converters.
 
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;

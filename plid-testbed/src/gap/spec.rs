@@ -1,4 +1,4 @@
-//! What a case is to be.
+//! The specification of a case.
 
 use serde::{Deserialize, Serialize};
 

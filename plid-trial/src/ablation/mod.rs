@@ -1,5 +1,5 @@
-//! What each step of the diagnosis is worth: the same cases once more with one step off at a time, blind as before, and
-//! scored by the same judge.
+//! The contribution of each step of the diagnosis: the same cases again with one step off at a time, blind as before,
+//! and scored by the same judge.
 
 mod report;
 

@@ -5,7 +5,7 @@ use plid_report::{Report, Table};
 use super::{cell, number, share, words};
 use crate::scores::Scores;
 
-/// What was found, in sentences.
+/// The results in sentences.
 pub(super) fn sentences(scores: &Scores) -> Vec<String> {
     let Some(all) = scores.main_cause.first() else { return Vec::new() };
     vec![

@@ -11,7 +11,7 @@ use plid_core::{
 
 use super::factor_initial;
 
-/// What a correction of P by k outputs starts from.
+/// The inputs of a correction of P by k outputs.
 #[derive(Clone, Copy, Debug)]
 pub struct Innovations<'a, S> {
     /// P H^T with P as the corrections before this one have left it, N x k.

@@ -1,4 +1,4 @@
-//! What cannot be is refused, by step, channel and pivot.
+//! Invalid values are errors that name step, channel and pivot.
 
 use plid_backends::{Faer, Nalgebra, Plain};
 use plid_core::kernels::Kernels;

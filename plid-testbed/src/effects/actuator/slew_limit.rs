@@ -42,7 +42,7 @@ struct Slewing {
     voltage: f64,
 }
 
-/// What is left to go after `t`, where `left` was to go at first.
+/// The distance to the target after `t`, where it was `left` at first.
 fn remaining(law: SlewLaw, left: f64, rate: f64, t: f64) -> f64 {
     let size = match law {
         SlewLaw::Hard => (left.abs() - rate * t).max(0.0),
