@@ -21,7 +21,7 @@ impl Part {
         self.shard.is_some() || self.merge
     }
 
-    /// Says that a shard of a study is complete. It has no results of its own.
+    /// Says that a shard of a study is complete. A shard alone has no results.
     pub fn tell_shard(shard: Shard, voice: Voice) -> Result<(), Failure> {
         match voice {
             Voice { json: true, .. } => voice::print(&format!("{}\n", serde_json::json!({ "shard": shard }))),

@@ -51,8 +51,8 @@ pub struct FormFacts {
     pub factored: bool,
     /// The operations of both updates.
     pub updates: fn(&StepSize) -> Vec<Term>,
-    /// Those of [`CovariancePropagation::add_parameter_blocks`], where so many pairs of different parameter columns
-    /// have a weight.
+    /// Those of [`CovariancePropagation::add_parameter_blocks`], where this number of pairs of different parameter
+    /// columns have a weight.
     pub parameter_blocks: fn(&StepSize, f64) -> Vec<Term>,
     /// Those of [`CovariancePropagation::output_columns`] for all outputs.
     pub output_columns: fn(&StepSize) -> Vec<Term>,

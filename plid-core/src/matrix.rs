@@ -179,7 +179,7 @@ pub trait Matrix<S>: Clone + std::fmt::Debug + Send + Sync + 'static {
     fn view_mut(&mut self) -> ViewMut<'_, S>;
 }
 
-/// A column-major matrix in a `Vec`, its first entry on a cache line of its own: a vector register's worth of entries
+/// A column-major matrix in a `Vec`, its first entry at the start of a cache line: a vector register's worth of entries
 /// that lies across two lines costs two loads.
 #[derive(Debug)]
 pub struct Dense<S> {

@@ -394,7 +394,7 @@ impl<S: Scalar> NoiseTerms<S> {
         }
     }
 
-    /// The available outputs, ascending. The rows and columns of R, L and M below stand in this order.
+    /// The available outputs, ascending. The rows and columns of R, L and M below are in this order.
     pub fn available(&self) -> &[usize] {
         &self.available
     }

@@ -6,7 +6,7 @@ use tempfile::{Builder, NamedTempFile};
 
 use crate::leftover::{Lock, SUFFIX, claim, clear, prefix};
 
-/// Links are followed so many times before they are taken for a circle, as Linux does.
+/// Number of links that are followed before they count as a circle, as in Linux.
 const LINKS: usize = 40;
 
 /// Writes a file whole or not at all: the bytes go into a temporary file in the same folder, which then takes the

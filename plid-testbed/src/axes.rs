@@ -1,4 +1,4 @@
-//! Bodies that move along axes of their own, such as a motor, a slide or the joints of an arm.
+//! Bodies that move along separate axes, such as a motor, a slide or the joints of an arm.
 
 use std::f64::consts::PI;
 
@@ -8,7 +8,7 @@ use crate::plant::StrutPort;
 use crate::state_space::StateSpace;
 use crate::{INPUTS, OUTPUTS};
 
-/// M q" + C q' + K q = G a: the actuator of each of the first inputs acts along an axis of its own with G_jj a_j, and
+/// M q" + C q' + K q = G a: the actuator of each of the first inputs acts along its own axis with G_jj a_j, and
 /// the sensor of the output of the same number shows the motion of that axis. Torques and forces are in V of the
 /// actuator, motions in V of the sensor. There is neither a filter nor, unless an effect adds one, an actuator pole.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,7 +94,7 @@ impl Axes {
         StateSpace { a, b, c, d: DMatrix::zeros(OUTPUTS, INPUTS) }
     }
 
-    /// Each axis as a place where a force acts, in a model with so many states.
+    /// Each axis as a place where a force acts, in a model with the given number of states.
     pub(crate) fn ports(&self, states: usize) -> Vec<StrutPort> {
         let (count, mobility) = (self.drive.len(), self.mobility());
         let row = |state: usize| (0..states).map(|i| f64::from(u8::from(i == state))).collect();
@@ -141,7 +141,7 @@ impl Axes {
 mod tests {
     use super::*;
 
-    /// A slide under a controller, against the controller and the slide in small steps of their own.
+    /// A slide under a controller, against the controller and the slide in separate small steps.
     #[test]
     fn a_held_axis_moves_as_its_controller_makes_it_move() {
         let (damping, kp, kd) = (0.7, 90.0, 11.0);

@@ -1,4 +1,4 @@
-//! The random part of a record: draws in a fixed order from streams of its own.
+//! The random part of a record: draws in a fixed order from its own streams.
 
 use std::f64::consts::PI;
 

@@ -41,8 +41,8 @@ pub fn grid_bayes<E: ConditionalExpectations<Scalar = f64>>(sigma: f64, r: f64, 
 /// agree, and checkpoints continue to the same bits. Permuted and rescaled channels permute and rescale the estimate.
 /// On a scalar plant its error is no smaller than that of exact Bayes, and smaller than the prior's.
 ///
-/// How good it is beyond that is not judged; [`grid_bayes`] tells. Nor are its equations: a missing drift or a wrong
-/// sign may pass. [`same_expectations`] compares it with another expectation.
+/// Its accuracy beyond that is not judged; [`grid_bayes`] measures it. Nor are its equations: a missing drift or a
+/// wrong sign may pass. [`same_expectations`] compares it with another expectation.
 ///
 /// # Panics
 /// Where it does not conform.

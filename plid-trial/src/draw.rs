@@ -100,7 +100,7 @@ struct Made {
     repeated: usize,
 }
 
-/// Draws one case, whose plant, strengths and noise follow from a seed of its own.
+/// Draws one case, whose plant, strengths and noise follow from its own seed.
 fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Result<Made, TrialError> {
     let mut rng = ChaCha12Rng::from_seed(derived(seed, "case", index));
     let mut last = None;

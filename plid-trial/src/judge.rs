@@ -66,7 +66,7 @@ pub struct Candidate {
     /// The effects; empty if nothing is missing, and for something else.
     #[serde(default)]
     pub effects: Vec<Named>,
-    /// Whether it stands for something else.
+    /// Whether it is "something else".
     #[serde(default)]
     pub unknown: bool,
     /// The probability; those of all explanations add up to one.

@@ -305,7 +305,7 @@ fn judged(
     if let Some(predictor) = predictor {
         let held_out = HeldOut::read(place.sealed, &predictor.model)?;
         gaps[0] = held_out.gap(&predictor.run(&held_out.u, predictor.t0));
-        // It has no fit of its own.
+        // It has no separate fit.
         gaps[1] = gaps[0];
         if let Some(fitted) = &baselines.fitted {
             let model = Model::read(&place.trial.join("cases").join(&place.case.case).join("sim.json"))?;

@@ -53,7 +53,7 @@ pub(crate) const WHOLE: &str = "active, 3 x 3";
 const WRONG: f64 = 0.05;
 
 /// The figures of some cases. `of` finds their groups: [`OWN`], [`NEAR`], [`ALL`] or the name of an arm; `singles` and
-/// `rest` stand before what each figure is.
+/// `rest` precede the name of each figure.
 fn figures<'a>(singles: &str, rest: &str, of: &dyn Fn(&str) -> Option<&'a Totals>) -> Vec<Target> {
     let mut figures = Vec::new();
     for (k, (is, equation)) in [(OWN, "own equation"), (NEAR, "near miss in shape")].into_iter().enumerate() {

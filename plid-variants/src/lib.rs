@@ -14,7 +14,7 @@ macro_rules! every_form {
     ($then:ident $(, $argument:tt)*) => {
         $then! {
             $($argument)*
-            /// Eq. 8-10 as they stand: the fastest, and the first to lose positivity.
+            /// Eq. 8-10 without modification: the fastest, and the first to lose positivity.
             "direct" = Direct;
             /// Joseph's measurement update.
             "joseph" = Joseph;

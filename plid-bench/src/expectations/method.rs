@@ -14,7 +14,7 @@ use super::trial::Trial;
 pub enum Method {
     /// The recursion with this expectation.
     Filter(ExpectationName),
-    /// Exact Bayes on a grid of so many points, with the true noise variances.
+    /// Exact Bayes on a grid with this number of points, with the true noise variances.
     Exact(ScalarPrior, usize),
     /// Exact Bayes on such a grid, with the noise variances that the filters assume.
     ExactAsTold(ScalarPrior, usize),

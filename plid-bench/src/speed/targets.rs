@@ -188,7 +188,7 @@ fn two_threads(outcome: &Outcome, form: Form) -> Vec<Target> {
 }
 
 fn real_time(outcome: &Outcome, form: Form) -> Option<Target> {
-    // The expectation that takes longest stands for the form.
+    // The slowest expectation represents the form.
     let worst = all_expectations()
         .into_iter()
         .filter_map(|expectations| outcome.plain(STATES, form, expectations))

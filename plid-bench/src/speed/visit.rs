@@ -25,7 +25,7 @@ pub struct Visit {
     /// Allocations within the timed steps, of all threads; none where the program does not count them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub allocations: Option<usize>,
-    /// How often the recursion failed and began anew.
+    /// How often the recursion failed and was restarted.
     pub restarts: usize,
     /// Times of all steps.
     pub times: Histogram,

@@ -48,7 +48,7 @@ pub fn carry_out(
     Outcome::new(config.clone(), machine, study::run(config, directory, None, resume, progress)?)
 }
 
-/// Runs the cells of a shard in a folder of its own in `directory`.
+/// Runs the cells of a shard in its own folder in `directory`.
 ///
 /// # Errors
 /// Those of [`carry_out`].

@@ -106,7 +106,7 @@ impl Choice {
         let Self { rate, parameter, port, steps_per_sample, input, output } = self;
         let program = std::env::current_exe()?;
         let mut command: Vec<String> = vec![program.to_string_lossy().into(), "gap".into(), "serve-fmu".into()];
-        // A value of its own may begin with a dash.
+        // A separate value may begin with a dash.
         let mut add = |key: &str, value: String| command.push(format!("--{key}={value}"));
         rate.iter().for_each(|rate| add("rate", rate.to_string()));
         steps_per_sample.iter().for_each(|steps| add("steps-per-sample", steps.to_string()));

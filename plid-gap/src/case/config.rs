@@ -343,7 +343,7 @@ impl CaseConfig {
         problems
     }
 
-    /// Returns the decimation ratio: one sample in so many is kept.
+    /// Returns the decimation ratio k: every k-th sample is kept.
     ///
     /// # Errors
     /// If `decimate_to_hz` is not an integer fraction of the rate.

@@ -1,7 +1,7 @@
 use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
 /// Gravity on an axis that swings: a linear simulation holds the stiffness k of small angles, and the real axis has
-/// k sin(d). The displacement d of the port is an angle in radians, so the law has no scale of its own.
+/// k sin(d). The displacement d of the port is an angle in radians, so the law contains no length scale.
 pub struct GravitySine;
 
 /// Shares of the port's stiffness from which fits start: a small one, whose trace is proportional to it, and all of it,
@@ -9,7 +9,7 @@ pub struct GravitySine;
 const SHARES: [f64; 2] = [0.1, 1.0];
 
 /// Range of k over the static stiffness of the port in the simulation. Gravity is a part of that stiffness, which may
-/// itself be half too small. On a pendulum that stands on its head k is negative; with a loop or a spring that exceeds
+/// itself be half too small. On an inverted pendulum k is negative; with a loop or a spring that exceeds
 /// gravity by a third, a third of its size is left as stiffness. Beyond this range the law only bends another spring.
 const HELD: std::ops::Range<f64> = -3.0..1.5;
 

@@ -196,7 +196,7 @@ mod tests {
         assert_eq!(setting.unit("force", &Place::Input(1)), "N");
     }
 
-    /// A port of the simulation has units of its own, unless its force or its motion is that of a channel.
+    /// A port of the simulation has its own units, unless its force or its motion is that of a channel.
     #[test]
     fn a_port_of_the_simulation_keeps_the_names_of_what_it_does_not_state() {
         let own = setting(&truss(1), &[], "m/s^2");

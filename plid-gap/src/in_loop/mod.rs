@@ -202,7 +202,7 @@ fn limited(mut description: Description, case: &Case) -> Result<Description, Gap
 }
 
 /// # Errors
-/// [`GapError::Record`] if a record does not begin at rest: nobody can set the state of a foreign simulator.
+/// [`GapError::Record`] if a record does not begin at rest: the state of a foreign simulator cannot be set.
 fn require_rest(case: &Case) -> Result<(), GapError> {
     let Some(record) = case.records.iter().find(|record| !record.from_rest) else { return Ok(()) };
     let message = "it begins in motion (start = \"unknown\"), but a simulator in the loop begins at rest".into();

@@ -132,7 +132,7 @@ fn multisine(levels: &[f64], [from, to]: [f64; 2], rate: f64, samples: usize) ->
 }
 
 /// Returns a linear sweep over a band for each input, with these RMS values; upwards for every other input and
-/// downwards for the rest, so that the responses to two inputs are told apart.
+/// downwards for the rest, so that the responses to two inputs can be separated.
 fn chirp(levels: &[f64], [from, to]: [f64; 2], rate: f64, samples: usize) -> Channels {
     let duration = samples as f64 / rate;
     let one = |(i, level): (usize, &f64)| {

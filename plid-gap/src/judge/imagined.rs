@@ -17,7 +17,7 @@ use crate::simulate::{Fineness, simulate};
 pub(super) enum Separation {
     /// The expected log likelihood ratio.
     By(f64),
-    /// The free run of the rival diverges, so nobody knows what it would measure.
+    /// The free run of the rival diverges, so the outcome cannot be predicted.
     Diverges,
 }
 

@@ -20,7 +20,7 @@ use crate::settings::NoiseSettings;
 use crate::signal::notch;
 use plid_fourier::C;
 
-/// Relative width of the band that stands for what remains of a line whose phase wanders, after the line is removed.
+/// Relative width of the band that represents the remainder of a line with a random phase after its removal.
 const LINE_WIDTH: f64 = 0.003;
 
 /// Number of rounds of the fixed-point iteration, which converges linearly.

@@ -526,7 +526,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     setting.d_range = (0..plant.ports.len()).map(|port| measured_range(plant, port, records)).collect();
     of_ports(&mut setting, loudest);
     setting.missing = missing_modes(plant, records, errors, &settings.signal);
-    // In a record without input, lines stand out most clearly.
+    // Lines are most visible in a record without input.
     let quiet: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation == Excitation::Zero).collect();
     let chosen: Vec<usize> = if quiet.is_empty() { (0..records.len()).collect() } else { quiet };
     let stretch = |k: usize| tones::Stretch { start_s: records[k].start_s, residual: &errors[k] };

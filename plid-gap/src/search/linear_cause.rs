@@ -20,7 +20,7 @@ use crate::simulate::Fineness;
 /// Factors tau that are tried.
 const FACTORS: [f64; 10] = [0.25, 0.4, 0.6, 1.0, 1.5, 2.3, 3.5, 5.5, 8.5, 13.0];
 
-/// Degrees of freedom of the prior: a few parameters are off by far more than the others, for reasons of their own.
+/// Degrees of freedom of the prior: a few parameters are off by far more than the others, for other reasons.
 const TAILS: f64 = 3.0;
 
 /// Rounds of the reweighted least squares.

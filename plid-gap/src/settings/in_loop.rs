@@ -50,8 +50,8 @@ group! {
         /// replaced in turn by all others. The first effect may only imitate a part of both causes, and the pair then
         /// leaves more than a law that is nearly the true one does (`least_of_gap`).
         doubtful: f64 = 0.1, "1", 0.0..=1.0;
-        /// Largest number of effects of an explanation. Each further effect takes a screen and fits of its own, and two
-        /// are the most that the drawn cases contain.
+        /// Largest number of effects of an explanation. Each further effect takes another screen and further fits, and
+        /// two are the most that the drawn cases contain.
         effects: usize = 2, "1", 1.0..=10.0;
         /// Share of the material gap that a further effect must close, in amplitude. A smaller one may be there, but it
         /// is also what a foreign integrator's error looks like.

@@ -42,10 +42,10 @@ group! {
         /// that were stated with 0.9 or more, 70 were right.
         noise_unknown: f64 = 0.09, "1", 0.0..=1.0;
         /// Share of the innovations of what an explanation leaves that the inputs may predict for it to count as noise,
-        /// where no record shows the noise level. For simulated and measured linear plants with noise of their own the
+        /// where no record shows the noise level. For simulated and measured linear plants with process noise the
         /// inputs predicted at most 0.07; for unmodelled nonlinearities they predicted at least 0.12.
         noise_predicted: f64 = 0.08, "1", 1e-6..=1.0;
-        /// Largest gap that counts as noise in this way. Larger noise would be known to whoever took the records.
+        /// Largest gap that counts as noise in this way. Larger noise would be known to the engineer.
         most_noise: f64 = 0.3, "1", 0.0..=1e3;
         /// Probability of something else where an effect's parameters are at the limit of what its name means.
         caveat: f64 = 0.21, "1", 0.0..=1.0;

@@ -122,12 +122,12 @@ struct Moving {
     hold: Option<Hold>,
 }
 
-/// Dry friction that holds a port while it stands still.
+/// Dry friction that holds a port at rest.
 #[derive(Clone, Copy)]
 struct Hold {
     /// The largest force.
     most: f64,
-    /// Whether the port stands still.
+    /// Whether the port is at rest.
     stuck: bool,
     /// The force of the last part.
     force: f64,

@@ -186,7 +186,8 @@ fn pendulum(k: f64, force: fn(f64, f64) -> f64) -> Axis {
     Axis { mass: k / (w * w), c: 1.4 * k / w, k, force, position: true }
 }
 
-/// Gravity's sine is told from a cubic spring where a pendulum swings far, and is its equal where it does not.
+/// Gravity's sine is distinguished from a cubic spring where a pendulum swings far, and is equivalent where it does
+/// not.
 #[test]
 fn the_sine_of_gravity_is_told_from_a_cube_on_large_angles() {
     fn light(d: f64, _v: f64) -> f64 {

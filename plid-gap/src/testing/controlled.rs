@@ -178,7 +178,7 @@ fn far(axis: Axis, gains: [f64; 3], effect: &dyn Effect, parameters: &[f64], law
 }
 
 /// Between two samples the plant moves with the command held, and the controller acts at samples alone: friction on a
-/// free slider, and a cubic spring and friction on a pendulum that stands on its head.
+/// free slider, and a cubic spring and friction on an inverted pendulum.
 #[test]
 fn forces_within_a_loop_agree_with_small_steps() {
     fn friction(_: f64, v: f64) -> f64 {

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::MergeError;
 
-/// The Gaussian posterior of one run over shared parameters and parameters of its own.
+/// The Gaussian posterior of one run over shared parameters and its own parameters.
 #[derive(Clone, Debug)]
 pub struct Knowledge {
     /// The name of the run in error messages.

@@ -213,7 +213,8 @@ fn a_covariance_of_the_wrong_scale_is_put_right() {
     close(&right.covariance, &covariance, 1e-10);
 }
 
-/// A direction that one run's data do not see: its covariance there is the prior's, and the other run's answer stands.
+/// A direction that one run's data do not see: its covariance there is the prior's, and the other run's estimate is
+/// kept.
 #[test]
 fn what_one_run_cannot_see_the_others_tell() {
     let mut random = Random::new(6);

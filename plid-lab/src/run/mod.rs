@@ -403,7 +403,7 @@ impl Actor<'_> {
         })
     }
 
-    /// The canonical form of so many states, or of the indices that are given.
+    /// The canonical form with the given number of states or with the given indices.
     fn form(&self, states: Option<usize>, p: usize, m: usize) -> Result<ObservableForm, RunError> {
         let bad = |e: plid_core::StructureError| setting("structure", e);
         match (&self.experiment.structure.indices, states) {

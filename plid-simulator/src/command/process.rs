@@ -33,7 +33,7 @@ pub(super) struct Process {
     name: String,
     input: ChildStdin,
     output: BufReader<Answers>,
-    /// Is dropped after the pipes, whose end tells the program to end.
+    /// Dropped after the pipes, whose closing ends the program.
     child: Running,
     log: Arc<Mutex<VecDeque<u8>>>,
     logger: Option<thread::JoinHandle<()>>,

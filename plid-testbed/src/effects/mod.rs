@@ -159,7 +159,7 @@ impl Effect {
     }
 }
 
-/// Returns the effects of a config in one list: first the two that have keys of their own.
+/// Returns the effects of a config in one list: first the two that have their own keys.
 fn list(config: &EffectsConfig) -> Vec<Effect> {
     let mut effects = Vec::new();
     if config.stiffness_drift_per_s != 0.0 {

@@ -41,7 +41,7 @@ pub trait UpdateRule: Clone + Send + Sync + 'static {
 /// P as a symmetric matrix with measurement update `R`.
 #[derive(Clone, Debug)]
 pub struct Symmetric<B: Backend, R> {
-    /// N x N, the lower triangle; zeros stand above it, which the block product relies on.
+    /// N x N, the lower triangle; the upper triangle is zero, which the block product relies on.
     p: B::Matrix,
     n: usize,
     rule: PhantomData<R>,
