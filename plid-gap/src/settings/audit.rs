@@ -5,7 +5,7 @@ use super::group::group;
 group! {
     /// The audit of records, channels and wiring.
     AuditSettings {
-        /// Gap from which crossed, negated, delayed or rescaled channels are looked for.
+        /// Gap from which the audit searches for crossed, negated, delayed or rescaled channels.
         least_gap: f64 = 0.1, "1", 0.0..=1e6;
         /// A mismatch of channels is reported if it reduces the gap to this share: the squared gap is then about
         /// halved.
@@ -41,16 +41,16 @@ group! {
         /// Ratio of these to the samples at the next value. A signal's tail gets thinner outwards; even a sine has only
         /// 2.4 times as many samples in its last code as in the one before.
         clipped_ratio: usize = 5, "1", 1.0..=1e6;
-        /// Different values that a channel must take for clipping to be looked for: a switched signal has few, all of
-        /// them extremes.
+        /// Different values that a channel must take before clipping is tested: a switched signal has few, and all of
+        /// them are extremes.
         clipped_values: usize = 16, "values", 2.0..=1e9;
         /// Separate visits of a channel that clips to its extreme value. A command in steps holds its largest value
         /// once.
         clipped_visits: usize = 3, "visits", 1.0..=1e9;
         /// States of a surrogate model if the case does not state them.
         surrogate_states: usize = 24, "states", 2.0..=1000.0;
-        /// Relative error on what it was not fitted to below which a surrogate model is the simulator itself: a
-        /// hundredth of typical noise.
+        /// Relative error on data outside the fit below which a surrogate model is the simulator itself: a hundredth of
+        /// typical noise.
         exact: f64 = 1e-4, "1", 0.0..=1.0;
         /// Relative error above which a linear model does not represent a simulator well.
         poor: f64 = 0.05, "1", 0.0..=1e3;

@@ -26,14 +26,14 @@ group! {
         /// Differences in twice the log likelihood over which probability is spread. The textbook's value is 2; it is
         /// doubled because the noise model is estimated.
         temperature: f64 = 4.0, "2 ln L", 1e-3..=1e9;
-        /// Addition to `temperature`, as a share of what the best explanation leaves beyond twice the uncertainty of
-        /// the noise level. Differences between inadequate models mean little.
+        /// Addition to `temperature`, as a share of the misfit of the best explanation beyond twice the uncertainty of
+        /// the noise level. Differences between inadequate models are not significant.
         misfit_temperature: f64 = 0.05, "1", 0.0..=1e3;
         /// Probability of something else where only a free shape is adequate. Of 52 such answers in development 49 were
         /// right, fewer where more causes lie outside the vocabulary; 0.2 counts as kept open.
         shape_differs: f64 = 0.21, "1", 0.0..=1.0;
-        /// Probability of something else if effects explain next to nothing. Of 34 blind cases whose effects explained
-        /// less than half the power of the noise and were stated with 0.9 or more, 29 were right; of 224 in which they
+        /// Probability of something else if effects explain very little. Of 34 blind cases whose effects explained less
+        /// than half the power of the noise and were stated with 0.9 or more, 29 were right; of 224 in which they
         /// explained more than the noise, 218.
         faint: f64 = 0.15, "1", 0.0..=1.0;
         /// Explained power, over that of the noise, at which half of `faint` is left.
@@ -41,9 +41,9 @@ group! {
         /// Probability of something else, in addition, where no record shows the noise level. Of 84 such blind cases
         /// that were stated with 0.9 or more, 70 were right.
         noise_unknown: f64 = 0.09, "1", 0.0..=1.0;
-        /// Share of the innovations of what an explanation leaves that the inputs may predict for it to count as noise,
-        /// where no record shows the noise level. For simulated and measured linear plants with process noise the
-        /// inputs predicted at most 0.07; for unmodelled nonlinearities they predicted at least 0.12.
+        /// Share of the innovations of the remainder that the inputs may predict if it is to count as noise, where no
+        /// record shows the noise level. For simulated and measured linear plants with process noise the inputs
+        /// predicted at most 0.07; for unmodelled nonlinearities they predicted at least 0.12.
         noise_predicted: f64 = 0.08, "1", 1e-6..=1.0;
         /// Largest gap that counts as noise in this way. Larger noise would be known to the engineer.
         most_noise: f64 = 0.3, "1", 0.0..=1e3;
@@ -62,7 +62,7 @@ group! {
         /// show there.
         held_out_gain: f64 = 3.0, "std", 0.0..=1e6;
         /// An explanation is expected to show on held-out records if the standard deviation of its gain exceeds this
-        /// multiple of `held_out_gain`: the expected gain is then twice what is required.
+        /// multiple of `held_out_gain`: the expected gain is then twice the required one.
         held_out_power: f64 = 8.0, "1", 0.0..=1e6;
         /// Size of an offset that an explanation leaves, in standard deviations between blocks of the records, from
         /// which the prediction contains it.
@@ -103,8 +103,8 @@ group! {
         /// Length of the next experiment over `experiment_samples` if the shorter one is not expected to separate the
         /// explanations. Against noise, the expected difference grows at least in proportion to the length.
         experiment_longer: usize = 4, "1", 1.0..=1000.0;
-        /// Factor by which an experiment must separate better than a simpler one to be proposed. An expected figure of
-        /// one drawn signal scatters by a few per cent.
+        /// Factor by which an experiment must separate better than a simpler one to be proposed. The expected figure
+        /// for one drawn signal scatters by a few per cent.
         experiment_better: f64 = 1.1, "1", 1.0..=1e3;
         /// Most experiments that are considered at the greater length, and most to which a sensor is added.
         experiment_best: usize = 3, "experiments", 1.0..=100.0;
