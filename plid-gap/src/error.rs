@@ -128,7 +128,7 @@ pub enum GapError {
         /// The cause.
         source: std::io::Error,
     },
-    /// A result is not a finite number, so nothing is written.
+    /// A result is not a finite number, so no file is written.
     #[error("{}: {source}", file.display())]
     #[diagnostic(help("a value of the records or of the simulation may be too large to square"))]
     NotFinite {

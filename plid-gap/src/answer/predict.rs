@@ -50,7 +50,7 @@ impl Predictor {
     /// Reads sim-with-effect.json.
     ///
     /// # Errors
-    /// [`GapError`] with the file and what is wrong.
+    /// [`GapError`] with the file and the fault.
     pub fn read(path: &Path, library: &Library) -> Result<Self, GapError> {
         let text = std::fs::read_to_string(path).map_err(|source| GapError::Io { file: path.into(), source })?;
         let written: SimulationWithEffects = serde_json::from_str(&text)
@@ -61,7 +61,7 @@ impl Predictor {
     /// Of the contents of such a file. `path` names them in errors.
     ///
     /// # Errors
-    /// [`GapError`] with what is wrong.
+    /// [`GapError`] with the fault.
     pub fn new(written: SimulationWithEffects, library: &Library, path: &Path) -> Result<Self, GapError> {
         let malformed = |message: String| GapError::Malformed { file: path.into(), message };
         let model = Model::from_json(&written.linear, &path.display().to_string())?;

@@ -126,7 +126,7 @@ fn limits(explained: &Explained) -> Vec<String> {
     imperfect.into_iter().chain(unpredicted).chain(refused).chain(fits_noise).collect()
 }
 
-/// States what the noise of driven records and the raw values show.
+/// States the findings from the noise of driven records and from raw values.
 fn of_records(explained: &Explained) -> Vec<String> {
     let ready = &explained.ready;
     let random = explained.level.driven.map(|ratio| {

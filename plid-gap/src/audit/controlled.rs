@@ -8,8 +8,8 @@ use crate::effects::{Effect, Library, Place, Setting, Side};
 use crate::error::GapError;
 use crate::plant::Plant;
 
-/// Excludes these effects from a case in closed loop. Returns what was left out, in words, and what can be done about
-/// it.
+/// Excludes these effects from a case in closed loop. Returns the excluded effects in words, with advice on how to find
+/// them.
 ///
 /// # Errors
 /// [`GapError::Model`].

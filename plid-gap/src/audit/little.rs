@@ -103,7 +103,7 @@ fn no_response(records: &[&Record], m: usize) -> Option<String> {
     })
 }
 
-/// States that no record shows the noise, and what is assumed of it.
+/// States that no record shows the noise, and which noise is assumed.
 fn unknown_noise(case: &Case, model: &Model) -> String {
     let settings = &case.config.settings.prepare;
     let source = if model.noise.sensor_std.is_some() {

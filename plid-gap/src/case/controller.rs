@@ -74,8 +74,9 @@ impl Controller {
         })
     }
 
-    /// Returns the names of what drives the closed loop: the references and the inputs of the plant that the controller
-    /// does not drive; without references, the inputs of the plant, for what is added to the controller's command.
+    /// Returns the names of the signals that drive the closed loop: the references and the inputs of the plant that the
+    /// controller does not drive; without references, the inputs of the plant, for the part that is added to the
+    /// controller's command.
     pub fn drivers(&self) -> Vec<String> {
         let refers = !self.references.is_empty();
         let of_plant = self.inputs.iter().filter(|(_, driven)| !(refers && *driven)).map(|(name, _)| name.clone());

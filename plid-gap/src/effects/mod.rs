@@ -283,8 +283,8 @@ pub trait Effect: Send + Sync {
         Vec::new()
     }
 
-    /// Returns whether the parameters still mean what the name says. A hysteresis that never yields is a gain, and a
-    /// gap that never closes does not act.
+    /// Returns whether the parameters are within the meaning of the name. A hysteresis that never yields is a gain, and
+    /// a gap that never closes does not act.
     fn sound(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> bool {
         true
     }

@@ -113,7 +113,7 @@ fn traces_section(mut report: Report, shown: &Shown) -> Report {
     report
 }
 
-/// Adds the table of what is named.
+/// Adds the table of named effects and parameters.
 fn parameters(report: Report, outcome: &LoopOutcome) -> Report {
     let mut table = Table::new("Named effects and parameters, with 95 % intervals")
         .column("effect", "")

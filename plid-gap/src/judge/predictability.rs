@@ -1,4 +1,4 @@
-//! How much of what an explanation leaves can be predicted from the inputs at all.
+//! How much of the residual of an explanation can be predicted from the inputs at all.
 //!
 //! The residual of a sound simulation is noise: its own past predicts a part of it, and the inputs add nothing to that.
 //! An effect that is missing is a function of the inputs, so with them the residual is predicted better than from its
@@ -78,7 +78,7 @@ pub struct Unpredicted {
 }
 
 impl Unpredicted {
-    /// Returns what a fit leaves, if the inputs do not predict it and it is not so large that it would have been
+    /// Returns the residual of a fit, if the inputs do not predict it and it is not so large that it would have been
     /// noticed as noise.
     pub fn of(problem: &Problem, fit: &Fit) -> Option<Self> {
         let settings = &problem.settings.judge;
@@ -110,7 +110,7 @@ impl Unpredicted {
     }
 }
 
-/// Returns the predictability of what an explanation leaves of each output in the driven records; `None` if these are
+/// Returns the predictability of the residual of each output in the driven records; `None` if these are
 /// too short.
 fn predictability(problem: &Problem, simulated: &[Channels]) -> Option<Vec<Predictability>> {
     let past = problem.plant.n().clamp(PAST[0], PAST[1]);
@@ -145,7 +145,7 @@ struct Driven<'r> {
     residual: Channels,
 }
 
-/// A value of the residual, and what predicts it: past values, a constant, and the polynomials.
+/// A value of the residual, and its regressors: past values, a constant, and the polynomials.
 struct Row {
     value: f64,
     regressors: Vec<f64>,

@@ -62,7 +62,7 @@ pub struct Gap {
     /// the reference effect.
     #[serde(default)]
     pub shrink_over: Vec<ShrinkOver>,
-    /// Share of what a flexible model closes that the effects close.
+    /// Gap that the effects close, as a share of the gap that a flexible model closes.
     pub share_of_ceiling: f64,
     /// Its 95 % interval.
     #[serde(default)]
@@ -144,8 +144,8 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     }
 }
 
-/// Returns the share of what a flexible model closes that the effects close, from the gaps as given, with the effects
-/// and of the flexible model.
+/// Returns the gap that the effects close over the gap that a flexible model closes, from the gaps as given, with the
+/// effects and of the flexible model.
 fn share_of_ceiling([given, with, most]: [f64; 3], floor: f64) -> f64 {
     let most = gap::shrink(given, most, floor);
     if most > 0.0 { (gap::shrink(given, with, floor) / most).clamp(0.0, 1.0) } else { 1.0 }

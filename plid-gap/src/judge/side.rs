@@ -123,7 +123,7 @@ fn problem(ready: &Prepared, known: &Known) -> Problem {
     problem
 }
 
-/// Returns what each place can do.
+/// Returns the possible responses of each place.
 fn means(problem: &Problem) -> Vec<Means> {
     let setting = &problem.setting;
     let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
@@ -153,7 +153,7 @@ fn parts(problem: &Problem, part: Part) -> Vec<usize> {
     (0..problem.nuisance.of_simulation()).filter(of).collect()
 }
 
-/// Returns what actuators and sensors can do.
+/// Returns the possible responses of actuators and sensors.
 fn of_channels(problem: &Problem) -> Vec<Means> {
     let setting = &problem.setting;
     let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
@@ -228,7 +228,7 @@ impl<'p> Base<'p> {
         base.cost.is_finite().then_some(base)
     }
 
-    /// Returns by how much a place lowers the misfit, less what chance gives to as many parameters.
+    /// Returns by how much a place lowers the misfit, less the gain by chance with as many parameters.
     fn gain(&self, means: &Means) -> f64 {
         let trace = |placed: &Placed| -> Option<Vec<f64>> {
             let effects = std::slice::from_ref(placed);

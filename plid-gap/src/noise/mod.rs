@@ -181,7 +181,7 @@ impl NoiseModel {
         self.plant.ports.len()
     }
 
-    /// Fits the variances of sensors and modal forces to stretches. The actuator noise stays as declared.
+    /// Fits the variances of sensors and modal forces to stretches. The actuator noise remains as declared.
     pub fn fit(&self, stretches: &[Stretch]) -> Self {
         self.fit_beside(stretches, None)
     }

@@ -2,7 +2,7 @@
 //!
 //! A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k): a displacement for
 //! k = 0, a velocity for k = 1, an acceleration for k = 2. The order k determines how a changed mode changes the
-//! outputs, and what the modes show of the motion where an actuator acts.
+//! outputs, and the motion of the modes where an actuator acts.
 
 use std::f64::consts::TAU;
 
@@ -48,7 +48,7 @@ pub struct Sensed {
 }
 
 impl Sensed {
-    /// The assumption as long as nothing is known.
+    /// The default assumption.
     pub(super) const ASSUMED: Self = Self { order: 2, source: KindSource::Assumed };
 
     /// Returns the kind that belongs to the order.

@@ -1,4 +1,4 @@
-//! The simulation in modal form: the structure's pairs of poles one by one, and everything else (actuators, filters) in
+//! The simulation in modal form: the structure's pairs of poles one by one, and the rest (actuators, filters) in
 //! one block.
 //!
 //! In these coordinates, a frequency, damping ratio or shape of one mode can be changed by itself, in whatever
@@ -300,7 +300,8 @@ impl Plant {
         }
     }
 
-    /// Removes a spring between the ends of a port that lies on a single mode. The damping force of the mode stays.
+    /// Removes a spring between the ends of a port that lies on a single mode. The damping force of the mode does not
+    /// change.
     pub(crate) fn take_spring(&mut self, port: usize, k: f64) {
         let port = &self.ports[port];
         // In a plant that was read from a file, the forces on the other modes are not zero but rounding errors.

@@ -139,7 +139,7 @@ impl Spectrum {
         (plant.rest, plant.d) = (rest, d);
     }
 
-    /// States for the report what a parameter is and which value it gets.
+    /// Describes a parameter and its new value for the report.
     pub fn words(&self, number: RestNumber, eta: f64, inputs: &[String], outputs: &[String]) -> String {
         let hz = |k: usize| self.poles[k].pole.norm() / std::f64::consts::TAU;
         let factor = eta.exp();
@@ -156,7 +156,7 @@ impl Spectrum {
     }
 }
 
-/// Multiplies what the rest contributes to the outputs and to the motion of the ports.
+/// Multiplies the contribution of the rest to the outputs and to the motion of the ports.
 fn contribute(plant: &mut Plant, factor: f64) {
     plant.rest.c *= factor;
     plant.d *= factor;

@@ -437,7 +437,7 @@ fn rounded(noise: NoiseModel, quantisation: &[Quantisation], declared: &[f64]) -
 /// The description of a random force in a band.
 const BAND: &str = "a force acts in a band";
 
-/// Returns the stretches that no command explains: records without input, or else the differences between periods.
+/// Returns the signals that no command explains: records without input, or else the differences between periods.
 fn quiet_stretches(
     plant: &Plant,
     records: &[Record],

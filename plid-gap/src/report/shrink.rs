@@ -8,7 +8,7 @@ use crate::diagnose::Outcome;
 use crate::judge::gap::shrink;
 use crate::judge::verdict::Verdict;
 
-/// States below the verdict how far the gap shrinks, and what was predicted.
+/// States below the verdict how far the gap shrinks, and which gap was predicted.
 pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     let gap = &outcome.diagnosis.gap;
     let on = gap.measured_on.join(", ");

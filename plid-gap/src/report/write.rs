@@ -18,7 +18,7 @@ const DIAGNOSIS: &str = "diagnosis.json";
 const SIMULATION: &str = "sim-with-effect.json";
 
 /// Writes diagnosis.json, sim-with-effect.json and report.html into a folder. They replace those of an earlier
-/// diagnosis together. If anything fails, the earlier files stay as they were.
+/// diagnosis together. If anything fails, the earlier files are not changed.
 ///
 /// # Errors
 /// [`GapError::NotFinite`] with file and key, before anything is written; [`GapError::Io`] with the file.

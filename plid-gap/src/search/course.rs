@@ -1,9 +1,10 @@
 //! Whether a change over time follows the time.
 //!
 //! Records are often taken at one level after the other. A stiffness that falls with the level then looks like one that
-//! drifts: it is smaller in each record than in the one before. But a drift goes on within each record, and what
-//! depends on the level does not. So an effect that changes with time is fitted once more with a size that is constant
-//! within each record, that of its middle. If this explains the records better, the effect does not follow the time.
+//! drifts: it is smaller in each record than in the one before. But a drift continues within each record, and a change
+//! that depends on the level does not. So an effect that changes with time is fitted once more with a size that is
+//! constant within each record, that of its middle. If this explains the records better, the effect does not follow the
+//! time.
 
 use std::sync::Arc;
 

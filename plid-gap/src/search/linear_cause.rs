@@ -43,7 +43,7 @@ struct LinearCause<'a> {
 }
 
 /// Returns fits with the numbers of the simulation that best account for the changes of the linear parameters in a fit;
-/// none if no number does. The derivatives are those at this fit.
+/// empty if no number does. The derivatives are those at this fit.
 pub fn fits<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Scope<'_, 'a>) -> Vec<Fit<'a>> {
     let settings = &scope.settings;
     let causes = causes(problem, from, jacobian, scope);

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use crate::fit::problem::{Jacobian, Problem, dot};
 use crate::search::screen::{Base, Entry, traces};
 
-/// The similarity of the traces of some effects, after a bounded refit has absorbed what it can of them.
+/// The similarity of the traces of some effects, after a bounded refit has absorbed as much of them as it can.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Overlap {
     /// Share of each trace's energy that the refit absorbs.

@@ -15,8 +15,8 @@ pub(super) struct Latest {
 }
 
 /// Reconsiders the effects with all others in place: the first was chosen while the others were missing. An effect that
-/// gained far more than the latest one stays. The latest one has been compared with its rivals, unless the explanation
-/// has changed since. `gains` are those of the effects.
+/// gained far more than the latest one is kept. The latest one has been compared with its rivals, unless the
+/// explanation has changed since. `gains` are those of the effects.
 pub(super) fn question<'a>(
     problem: &Problem,
     quick: &Problem,

@@ -1,5 +1,5 @@
-//! Steps of the diagnosis that can be switched off one at a time, to see what each contributes. An answer with a step
-//! off is for comparison only.
+//! Steps of the diagnosis that can be switched off one at a time, to measure the contribution of each. An answer with a
+//! step off is for comparison only.
 
 use std::fmt;
 use std::str::FromStr;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Step {
-    /// The audit looks for crossed, negated, delayed or clipped channels and other units. Off: it does not. Records
+    /// The audit searches for crossed, negated, delayed or clipped channels and other units. Off: it does not. Records
     /// that cannot be used are still refused.
     Audit,
     /// The noise is fitted to the stretches that no command explains. Off: it is as declared, or a share of each

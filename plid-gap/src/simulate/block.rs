@@ -1,6 +1,6 @@
 //! The linear maps of a block: the parts of a sample over which the command is held.
 //!
-//! A force needs to know the motion at its port and nothing else of the modes. The motion at the ends of all parts is
+//! A force depends only on the motion at its port, not on the modes themselves. The motion at the ends of all parts is
 //! that without forces, which is one product with the state, plus the responses to the forces of earlier parts, which
 //! are a few numbers. The forces then move the state by another product. Modes are thus visited once a block and not in
 //! every part.
@@ -219,7 +219,7 @@ impl Block {
         [self.state(&last.modes, last.rest.as_slice()), self.moved(ports, &sums, 0)].concat()
     }
 
-    /// Sets what forces do to the state and to the motion.
+    /// Sets the response of the state and of the motion to forces.
     fn set_forces(&self, plant: &Plant, poles: &[(C, Carried)], ports: &[[States; 2]], turn: &[C], to: &mut Maps) {
         let mut columns = vec![Vec::new(); WIDE * self.motion_lanes()];
         for (port, &number) in self.forces.iter().enumerate() {

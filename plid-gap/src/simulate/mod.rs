@@ -122,7 +122,7 @@ pub fn slope(x: &[f64], rate: f64) -> Vec<f64> {
     (0..x.len()).map(at).collect()
 }
 
-/// Largest turn in a part of a sample of what a stiff law does to a port, in rad.
+/// Largest phase advance, in a part of a sample, of a port's oscillation against a stiff law, in rad.
 const TURN: f64 = 0.25;
 
 /// Most parts of a sample.

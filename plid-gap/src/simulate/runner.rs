@@ -200,8 +200,8 @@ impl<'a, const R: usize> Runner<'a, R> {
         }
     }
 
-    /// Multiplies every w^2 by `factor`. The force 2 zeta w q' stays, and so does the real part of each pole; a mode's
-    /// rows follow its pole. The gains of actuators and filters are those at the former pole.
+    /// Multiplies every w^2 by `factor`. The force 2 zeta w q' does not change, and neither does the real part of each
+    /// pole; a mode's rows follow its pole. The gains of actuators and filters are those at the former pole.
     fn stiffen(&mut self, plant: &Plant, factor: f64) {
         let pole = |from: C| {
             let square = from.norm_sqr() * factor - from.re * from.re;
