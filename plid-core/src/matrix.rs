@@ -193,7 +193,7 @@ pub struct Dense<S> {
 /// Bytes of a cache line, and of the widest registers.
 const LINE: usize = 64;
 
-/// Where the first line begins; 0 where the allocator cannot tell, which costs speed and nothing else.
+/// Where the first line begins; 0 where the allocator cannot tell, which only costs speed.
 fn line_start<S>(storage: &[S]) -> usize {
     match storage.as_ptr().align_offset(LINE) {
         start if start <= line_entries::<S>() => start,

@@ -203,7 +203,7 @@ pub struct EffectsConfig {
     /// Integration steps within a sample, used only where an effect acts inside the structure or moves a voltage within
     /// a sample.
     pub steps_per_sample: usize,
-    /// Any number of effects at once.
+    /// Any number of simultaneous effects.
     pub list: Vec<Effect>,
 }
 

@@ -46,7 +46,7 @@ impl Noise {
         add_coloured(&mut self.start, x);
     }
 
-    /// Adds what the ambient force does to the state over a sample.
+    /// Adds the response of the state to the ambient force over a sample.
     pub(crate) fn ambient(&mut self, x: &mut [f64]) {
         add_coloured(&mut self.ambient, x);
     }

@@ -206,7 +206,7 @@ impl TrialConfig {
         }
     }
 
-    /// Returns the invalid values of what is drawn.
+    /// Returns the invalid values of `draw`.
     fn problems_of_draw(&self, problems: &mut Vec<(&'static str, String)>) {
         let draw = &self.draw;
         for (key, count) in

@@ -133,7 +133,7 @@ pub struct Judged {
     pub at: String,
     /// Whether an effect was named, whatever the truth is.
     pub named: bool,
-    /// Whether the single effect was named, and nothing else.
+    /// Whether the single effect was named, and no other.
     pub exact: bool,
     /// Whether the first effect named is of the right family.
     pub family: bool,

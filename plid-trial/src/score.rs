@@ -46,7 +46,7 @@ pub(crate) const FIXED: &str = "answers.json";
 pub enum Extent {
     /// All cases that were drawn.
     Whole,
-    /// Those that have an answer. Cases come in an order that says nothing, so that these are a sample of all. They are
+    /// Those that have an answer. The order of the cases is random, so that these are a sample of all. They are
     /// fixed as the whole would be: what is answered later is refused.
     Answered,
 }
@@ -189,7 +189,7 @@ pub(crate) fn unseal(manifest: &Manifest, trial: &Path, sealed: &Path) -> Result
     Ok(seal)
 }
 
-/// Whether the cases and what is sealed are what the trial commits to.
+/// Whether the cases and the sealed files agree with the trial's commitments.
 fn check(manifest: &Manifest, seal: &Seal, trial: &Path, sealed: &Path) -> Result<(), TrialError> {
     for case in &manifest.cases {
         case.check(trial)?;

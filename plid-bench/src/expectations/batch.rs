@@ -42,7 +42,7 @@ pub fn instrumental_variable(record: &ScalarRecord<'_>) -> Option<[f64; 2]> {
 /// The prior knowledge of (a, b).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Knowledge {
-    /// |a| < 1, and nothing else: maximum likelihood.
+    /// Only |a| < 1: maximum likelihood.
     Stable,
     /// The prior: maximum a posteriori.
     Prior,

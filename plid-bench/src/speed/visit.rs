@@ -54,7 +54,7 @@ pub enum VisitError {
     Fails(IdentifierError),
 }
 
-/// Failures within a visit that are let pass.
+/// Number of failures within a visit that are tolerated.
 const MOST_RESTARTS: usize = 3;
 /// Single times that are kept of a visit at most.
 const MOST_STEPS: usize = 100_000;

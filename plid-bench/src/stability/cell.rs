@@ -33,8 +33,8 @@ pub struct Cell {
     pub indefinite: Option<Indefinite>,
     /// Against double-double on the same record from the start.
     pub errors: Vec<ErrorAt>,
-    /// Against one step of the same form in double-double from the same s and P: what one step rounds. For a form that
-    /// orthogonalises, the loss of orthogonality is in it: U D U^T is no longer W D_w W^T.
+    /// Against one step of the same form in double-double from the same s and P: the rounding error of one step. For a
+    /// form that orthogonalises, the loss of orthogonality is in it: U D U^T is no longer W D_w W^T.
     pub local: Vec<LocalAt>,
     /// Symmetry defect of P at the end, as defined in [`plid_core::Health`].
     pub symmetry_defect: f64,
@@ -65,7 +65,7 @@ pub struct Cell {
 pub struct Stop {
     /// The step, from 1.
     pub step: usize,
-    /// Where in the step, and what.
+    /// The place in the step and the reason.
     pub reason: String,
 }
 
@@ -109,7 +109,7 @@ pub struct LocalAt {
 }
 
 impl Cell {
-    /// A cell of which nothing is known yet.
+    /// A cell without results.
     pub fn new(group: &Group, form: CovarianceName, scalar: ScalarName, band_hz: [f64; 2], rate_hz: f64) -> Self {
         Self {
             group: group.clone(),

@@ -72,7 +72,7 @@ pub struct Long {
 pub struct Adversarial {
     /// Number of states, a multiple of 3.
     pub states: usize,
-    /// Steps of each cell; 0 for none.
+    /// Steps of each cell; 0 for no cells.
     pub steps: usize,
     /// P0 / R.
     pub start_ratios: Vec<f64>,

@@ -117,7 +117,7 @@ struct Content<'a> {
     cells: Vec<Details<'a>>,
 }
 
-/// A cell in stability.json: its line of the table and what the table leaves out.
+/// A cell in stability.json: its line of the table and the figures that the table omits.
 #[derive(Serialize)]
 struct Details<'a> {
     #[serde(flatten)]

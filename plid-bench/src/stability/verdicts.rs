@@ -37,7 +37,7 @@ pub struct Recommended {
     pub holds: bool,
 }
 
-/// All judged cells, asked for by what they are.
+/// All judged cells, selected by their properties.
 pub struct Cells<'a>(pub &'a [Judged]);
 
 impl<'a> Cells<'a> {

@@ -439,7 +439,7 @@ impl Experiment {
         }
     }
 
-    /// Returns what a source of noise covariances lacks.
+    /// Returns the missing keys of a source of noise covariances.
     fn problems_of_noise(&self, problems: &mut Vec<(&'static str, String)>) {
         if self.noise.from == NoiseSource::Given {
             for (key, value) in [("sensor", &self.noise.sensor), ("state", &self.noise.state)] {

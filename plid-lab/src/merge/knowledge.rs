@@ -75,7 +75,7 @@ impl Knowledge {
         Ok(Rows { rows, right })
     }
 
-    /// Whether the numbers make a Gaussian as far as sizes and signs go; what follows relies on it.
+    /// Whether the numbers form a Gaussian, as far as sizes and signs are concerned; the computation relies on it.
     pub(super) fn check(&self) -> Result<(), MergeError> {
         let size = self.places.len();
         let shapes = self.estimate.len() == size

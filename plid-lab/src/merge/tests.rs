@@ -55,7 +55,7 @@ fn posterior(record: &Static, prior: &[f64]) -> Knowledge {
     }
 }
 
-/// All records at once, as one batch of normal equations.
+/// All records together, as one batch of normal equations.
 fn batch(records: &[Static], prior: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
     let size = prior.len();
     let mut information = DMatrix::from_diagonal(&DVector::from_fn(size, |k, _| 1.0 / prior[k]));
@@ -92,7 +92,7 @@ fn records(random: &mut Random, samples: &[usize], noise: &[f64]) -> Vec<Static>
     both.map(|(j, (&samples, &noise))| random.record(&truth, &places(j), samples, noise)).collect()
 }
 
-/// One run a record, merged, against all records at once.
+/// One run per record, merged, against all records together.
 fn merges_to_the_batch_estimate(records: &[Static], prior: &[f64]) {
     let runs: Vec<Knowledge> = records.iter().map(|record| posterior(record, prior)).collect();
     let merged = combine(&runs, prior.len()).unwrap();

@@ -161,7 +161,7 @@ pub fn carry_out(
     done.conclude(progress).map_err(|error| stopped(error, memory))
 }
 
-/// A finished recursion and what led to it.
+/// A finished recursion with its inputs.
 struct Done {
     experiment: Experiment,
     identity: String,
@@ -303,7 +303,7 @@ fn is_comparable(truth: &Truth, prepared: &Prepared) -> bool {
     same && prepared.records.len() == 1 && prepared.start_s == 0.0
 }
 
-/// The data, and what preparation makes of them.
+/// The data before and after preparation.
 fn data(experiment: &mut Experiment, base: &Path) -> Result<(Obtained, Prepared), RunError> {
     let obtained = obtain(experiment, base)?;
     let mut shares = vec![1.0; obtained.records.len()];

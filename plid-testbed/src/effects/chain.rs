@@ -102,7 +102,7 @@ impl Chain {
         self.structure.push(Box::new(PortForce { port: port.clone(), force }));
     }
 
-    /// Adds a change of some inputs' voltages that depends on nothing but the voltage.
+    /// Adds a change of some inputs' voltages that depends only on the voltage.
     pub(crate) fn change_inputs(&mut self, inputs: Vec<usize>, law: impl Fn(f64) -> f64 + 'static) {
         self.actuator.push(Box::new(StaticVoltage { inputs, law }));
     }

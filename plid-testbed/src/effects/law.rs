@@ -79,7 +79,7 @@ pub(crate) trait Law {
     /// Changes the linear plant.
     fn alter(&self, _plant: &mut Plant) {}
 
-    /// Returns what it adds to a port's own mass, damping and stiffness.
+    /// Returns the mass, damping and stiffness that it adds to a port's own.
     fn load(&self) -> Option<Load> {
         None
     }
@@ -87,7 +87,7 @@ pub(crate) trait Law {
     /// Adds the effect to a record's chain.
     fn install(&self, _site: Site, _chain: &mut Chain) {}
 
-    /// Makes the effect stronger by a factor: what it changes grows with it, to first order in proportion where
+    /// Makes the effect stronger by a factor. Its response grows with the factor, to first order in proportion where
     /// the law allows that.
     fn strengthen(&mut self, factor: f64);
 

@@ -26,7 +26,7 @@ enum Place {
     None,
 }
 
-/// The effect of a spec: what it leaves open is drawn.
+/// The effect of a spec; unspecified values are drawn.
 pub(crate) fn drawn(
     seed: u64,
     index: usize,

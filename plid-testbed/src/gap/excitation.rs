@@ -1,4 +1,4 @@
-//! The records of a case: what is commanded, and when.
+//! The records of a case: the commands and their times.
 
 use std::f64::consts::PI;
 

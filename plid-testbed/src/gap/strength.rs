@@ -24,7 +24,7 @@ pub(crate) fn gap(y: &Array2<f64>, other: &Array2<f64>) -> f64 {
     (squares.sum::<f64>() / y.ncols() as f64).sqrt()
 }
 
-/// RMS of what effects feel in the held-out record, without effects.
+/// RMS of the signals on which effects act, in the held-out record without effects.
 pub(crate) struct Signals {
     pub displacement: [f64; INPUTS],
     pub velocity: [f64; INPUTS],

@@ -1,4 +1,4 @@
-//! The folders of a case: what a diagnosis may see, and the answer.
+//! The folders of a case: one with the files that a diagnosis may read, and one with the answer.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

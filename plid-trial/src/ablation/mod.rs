@@ -104,7 +104,7 @@ fn single(line: &Line) -> bool {
     line.asked == Asked::Single
 }
 
-/// One effect: it alone is named, at its place. Several: all are named and no other. Nothing: nothing is. Outside: kept
+/// One effect: only it is named, at its place. Several: all are named and no other. None: none is named. Outside: kept
 /// open.
 fn right(line: &Line) -> bool {
     let judged = &line.judged[0];

@@ -17,7 +17,7 @@ use crate::judge::Claim;
 use linear::Linear;
 use sparse::Sparse;
 
-/// The content of baselines.json: the answers of the baselines, and what their predictions require.
+/// The content of baselines.json: the answers of the baselines, and the data that their predictions require.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Baselines {
