@@ -1,8 +1,8 @@
 //! Effects of a program's own: the truth of an effect that the testbed does not have.
 //!
 //! A program adds a [`Truth`] at its start. Configs and specs then name it as they name a built-in effect, and the
-//! testbed simulates it. The truth states only what happens in the plant; its diagnosis is separate code, of its
-//! own, so that neither can be wrong in the other's favour.
+//! testbed simulates it. The truth states only what happens in the plant; its diagnosis is separate code, so
+//! that neither can be wrong in the other's favour.
 
 use std::sync::{PoisonError, RwLock};
 
