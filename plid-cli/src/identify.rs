@@ -159,7 +159,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
 }
 
 impl Arguments {
-    /// The experiment that does the same.
+    /// The equivalent experiment.
     fn experiment(&self, name: String) -> Result<Experiment, Failure> {
         Ok(Experiment {
             name,

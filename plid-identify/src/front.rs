@@ -267,7 +267,7 @@ pub struct Identified {
 
 /// Appends an input that is always one.
 ///
-/// The mean of an output over a finite record is not what the plant gives for the mean of the inputs. The difference is
+/// The mean of an output over a finite record is not the plant's response to the mean of the inputs. The difference is
 /// a constant that the plant does not explain: without an input of its own it takes a further state for each output,
 /// and a record with little noise would ask for these states.
 fn with_constant(inputs: &Array2<f64>) -> Array2<f64> {
@@ -477,7 +477,7 @@ mod tests {
         }
     }
 
-    /// The operating point: with an input of one mean the plant rests at what its gain at zero frequency makes of it.
+    /// The operating point: with an input of mean one the plant rests at its gain at zero frequency.
     #[test]
     fn the_plant_is_at_rest_at_the_operating_point() {
         let plant = plant();

@@ -50,9 +50,9 @@ impl Wiring {
 }
 
 /// Returns the closed loop of a plant with m inputs, n states and p outputs, and a controller with k states. Its inputs
-/// are what is added to each input of the plant (m, under their names), then the references. Its outputs are those of
-/// the plant, and its states are those of the plant, then those of the controller (n + k). Where both have feedthrough,
-/// the algebraic loop is solved.
+/// are the signals added to each input of the plant (m, under their names), then the references. Its outputs are those
+/// of the plant, and its states are those of the plant, then those of the controller (n + k). Where both have
+/// feedthrough, the algebraic loop is solved.
 ///
 /// The controller acts at the samples alone, so the loop has no continuous form, and ports are not carried over.
 ///

@@ -106,7 +106,7 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
     let mut last = None;
     for repeated in 0..ATTEMPTS {
         let case_seed: u64 = rng.random();
-        // The same plant without an effect says what noise makes of it.
+        // The same plant without an effect gives the gap by noise alone.
         let nothing = planned.spec.clone();
         let floor = gap::draw(case_seed, &nothing).map_err(|e| not_drawn(planned, &e))?.label.gap_floor;
         let least = (config.draw.least_over_floor * floor).max(config.draw.least);

@@ -88,7 +88,7 @@ impl Arguments {
 }
 
 impl Arguments {
-    /// Reads what drives the prediction.
+    /// Reads the inputs of the prediction.
     fn driving(&self, predictor: &Predictor, simulation: &Path) -> Result<Channels, Failure> {
         let Some(measured) = &self.measured else {
             return read(&self.input, predictor, &predictor.inputs, simulation);

@@ -50,7 +50,7 @@ pub struct Choice {
 }
 
 impl Choice {
-    /// Returns whether nothing is chosen.
+    /// Returns whether no choice is made.
     pub fn is_empty(&self) -> bool {
         let Self { rate, parameter, port, steps_per_sample, input, output } = self;
         let lists = [parameter.is_empty(), port.is_empty(), input.is_empty(), output.is_empty()];

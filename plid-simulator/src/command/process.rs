@@ -162,7 +162,7 @@ impl Running {
 }
 
 impl Drop for Running {
-    /// Lets the program end, so that it can remove what it has made, and stops one that goes on.
+    /// Lets the program end, so that it can remove its files, and stops it if it continues.
     fn drop(&mut self) {
         if self.end().is_none() {
             let mut child = locked(&self.0);
