@@ -477,7 +477,7 @@ mod tests {
         }
     }
 
-    /// The operating point: with an input of mean one the plant rests at its gain at zero frequency.
+    /// The operating point: the mean of the outputs is that of the inputs times the plant's gain at zero frequency.
     #[test]
     fn the_plant_is_at_rest_at_the_operating_point() {
         let plant = plant();
