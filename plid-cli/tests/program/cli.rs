@@ -370,7 +370,7 @@ fn a_model_is_exported_for_other_programs() {
     fails(at, &["export", "model.json", "--to", "model.mat"], 2, "--force");
     assert_eq!(plid(at, &["export", "model.json", "--to", "model.mat", "--force"]).status.code(), Some(0));
     assert_eq!(std::fs::read(at.join("model.mat")).unwrap(), before);
-    fails(at, &["export", "model.json", "--to", "model.m"], 2, "none of .mat, .npz, .py");
+    fails(at, &["export", "model.json", "--to", "model.m"], 2, "the ending is not .mat, .npz or .py");
     fails(at, &["export", "none.json", "--to", "model.m.py"], 2, "none.json");
     fails(at, &["export", "model.json", "--to", "no/model.py"], 2, "no/model.py");
 }
