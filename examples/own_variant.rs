@@ -1,5 +1,5 @@
 //! A researcher's own variant, from outside plid's crates: a backend, a covariance form and a conditional expectation,
-//! each used through [`Identifier`] and put beside a built-in one.
+//! each used through [`Identifier`] and compared with a built-in one.
 //!
 //!     cargo run --example own_variant
 

@@ -95,8 +95,9 @@ def course(t, s):
 
 
 # Effects on a channel: the new signal x, with parameters p, at times t (s), with h from one value to the next (s).
-# A command is held over h. What acts between samples gives the mean over h: while h is short beside the periods of the
-# structure, the structure cannot tell the two apart. PARTS says into how many parts a sample is divided for that.
+# A command is held over h. What acts between samples gives the mean over h: while h is short compared with the periods
+# of the structure, the structure responds to both in the same way. PARTS says into how many parts a sample is divided
+# for that.
 
 def actuator_hysteresis(x, p, t, h):
     out, z, before = np.empty_like(x), 0.0, 0.0
@@ -332,7 +333,7 @@ class Loop:
         self.drivers = self.references + [model["inputs"][i] for i in self.others]
 
     def driven_by(self, given):
-        """The part of the inputs that is no feedback, from the references and the inputs that it does not drive."""
+        """The inputs without the feedback, from the references and the inputs that the controller does not drive."""
         v, x = np.zeros((len(self.c), given.shape[1])), np.zeros(len(self.a))
         references = given[:len(self.references)]
         for k in range(given.shape[1] if self.references else 0):

@@ -57,7 +57,7 @@
 //! | `data`, `plots` | data files and their preparation; plots and reports |
 //! | `testbed` | the simulated truss |
 //! | `lab` | experiments, from data files to reports; it has all of the above |
-//! | `gap` | where a simulation disagrees with records, and why; anybody's simulator in the loop |
+//! | `gap` | where a simulation disagrees with records, and why; your own simulator in the loop |
 //! | `fmu` | FMUs as simulators |
 //!
 //! # Profile

@@ -113,8 +113,8 @@ fn a_simulator_that_gives_only_its_outputs() {
     is_named(12, &GapSpec { simulator: Simulator::Outputs, ports: false, ..spec(&["actuator-saturation"]) });
 }
 
-/// An effect that is at work, and one that was fitted beside it: leaving it out of a diagnosis that was made gives the
-/// bytes of one that never knew it.
+/// An effect that is at work, and another that was fitted as well: removing either from a finished diagnosis gives the
+/// bytes of a diagnosis that never knew it.
 #[test]
 fn what_is_left_out_is_as_if_it_had_never_been_known() {
     let spec = GapSpec { channels: Channels { inputs: 1, outputs: 1 }, length: 0.1, ..spec(&["actuator-dead-zone"]) };
@@ -130,8 +130,8 @@ fn what_is_left_out_is_as_if_it_had_never_been_known() {
     let (whole, ground) = Groundwork::whole(&case, &library, &[], &mut |_| {}).unwrap();
     // An entry of the first stage that is not at work: without it others move up.
     let mut first = whole.shown.stages[0].iter().map(|(name, ..)| name.as_str());
-    let beside = first.find(|name| *name != "actuator-dead-zone").unwrap();
-    for name in ["actuator-dead-zone", beside] {
+    let other = first.find(|name| *name != "actuator-dead-zone").unwrap();
+    for name in ["actuator-dead-zone", other] {
         let without = [name.to_owned()];
         let clock = Instant::now();
         let left_out = ground.leave_out(&without, &mut |_| {}).unwrap();

@@ -101,7 +101,8 @@ def xml(plant, step, **changed):
 
 
 class Cause:
-    """What the truth has beside the simulator: other numbers, a changed command, forces at joints, changed outputs.
+    """What the truth has in addition to the simulator: other numbers, a changed command, forces at joints, changed
+    outputs.
 
     `force` is that at one joint, of its displacement, velocity and time; `coupling` gives the forces at all joints from
     their positions and velocities. `sizes` are the true parameters of the effects that describe the cause exactly, and

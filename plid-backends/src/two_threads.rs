@@ -22,7 +22,7 @@ impl<S: Kernels> Backend for TwoThreads<S> {
     }
 }
 
-/// Runs `work`, a loop of steps for example, on a pool of its own with `threads` threads; `started` is called on each
+/// Runs `work`, a loop of steps for example, on a separate pool of `threads` threads; `started` is called on each
 /// of them first, with its number from 0 (to pin it to a core, say).
 ///
 /// # Errors

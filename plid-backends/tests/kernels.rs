@@ -86,7 +86,7 @@ fn arrays<S: Scalar>() -> Vec<Dense<S>> {
     vec![general.clone(), without(&[4]), without(&[2]), without(&[0, 3]), repeated, entries(4, 4, 8), entries(1, 2, 1)]
 }
 
-/// The same with rows of zeros to fill a panel up.
+/// Appends rows of zeros to fill up a panel.
 fn filled<S: Scalar>(w: &Dense<S>, rows: usize) -> Dense<S> {
     Dense::from_fn(rows, w.columns(), |i, j| if i < w.rows() { w.at(i, j) } else { S::zero() })
 }

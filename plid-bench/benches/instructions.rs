@@ -1,10 +1,10 @@
-//! Instructions of a step, counted by valgrind: a gauge without noise. Needs valgrind, and gungraun's runner of the
-//! version in Cargo.lock; without them it says so, and does nothing.
+//! Instructions of a step, counted by valgrind: a noise-free measure. It needs valgrind, and gungraun's runner of the
+//! version in Cargo.lock; without them it prints a message and exits.
 //!
 //!     cargo install gungraun-runner --version 0.20.0
 //!     cargo bench -p plid-bench --bench instructions
 //!
-//! Valgrind knows no AVX-512, so what is counted there is the kernels' AVX2 code, whatever the CPU has.
+//! Valgrind does not support AVX-512, so the kernels' AVX2 code is counted, whatever the CPU has.
 
 // What the macros make has no documentation, and the names of types.
 #![allow(missing_docs, non_snake_case)]

@@ -1,5 +1,5 @@
-//! The time of a step with three inputs and outputs, by size, form, expectation, backend and scalar, beside a pass over
-//! P.
+//! The time of a step with three inputs and outputs, by size, form, expectation, backend and scalar, and the time of a
+//! pass over P for comparison.
 //!
 //!     cargo bench -- speed                                   # all cells
 //!     cargo bench -- 'n=30 bierman-ud .* plain f64'          # those whose name matches

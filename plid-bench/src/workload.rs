@@ -89,7 +89,7 @@ impl Record {
     }
 }
 
-/// A record, and what an identification of it starts from.
+/// A record, and the starting point of its identification.
 #[derive(Clone, Debug)]
 pub struct Workload<'a> {
     record: &'a Record,

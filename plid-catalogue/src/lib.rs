@@ -1,6 +1,6 @@
 //! All forms, expectations, backends and scalars by name, and which form to take.
 //!
-//! A crate of its own, and tested from outside, so that the variants are compiled once.
+//! A separate crate, tested from outside, so that the variants are compiled once.
 pub mod count;
 mod names;
 mod recommendation;

@@ -67,7 +67,7 @@ pub struct VariantChoice {
     /// How P is carried; left out, as [`Conditions::recommended`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub covariance: Option<CovarianceName>,
-    /// What is taken as known when noise multiplies an unknown parameter.
+    /// The conditional expectation.
     pub expectations: ExpectationName,
     /// The matrix library.
     pub backend: BackendName,

@@ -169,7 +169,7 @@ impl BackendEntry {
         Self { name, cells: plid_variants::every_form!(on_one_backend, B) }
     }
 
-    /// The same backend in another scalar: `BackendEntry::of::<Mine<f64>>("mine").and::<Mine<f32>>().add()`.
+    /// Adds the backend in another scalar: `BackendEntry::of::<Mine<f64>>("mine").and::<Mine<f32>>().add()`.
     #[must_use]
     pub fn and<B: Backend<Scalar: Number>>(mut self) -> Self {
         self.cells.extend(Self::of::<B>(self.name).cells);
@@ -177,7 +177,7 @@ impl BackendEntry {
     }
 }
 
-/// A form of a program's own on a backend of its own, under the names of both. The two are added before it.
+/// A user-defined form on a user-defined backend, under the names of both. Add both first.
 pub struct PairEntry {
     form: &'static str,
     backend: &'static str,

@@ -72,7 +72,7 @@ impl<S: Number> Recursion for Run<S> {
 pub struct Variant {
     /// How P is carried.
     pub covariance: CovarianceName,
-    /// What is taken as known when noise multiplies an unknown parameter.
+    /// The conditional expectation.
     pub expectations: ExpectationName,
     /// The matrix library.
     pub backend: BackendName,

@@ -32,11 +32,10 @@ impl Output {
         self.directory_of(name, &Part::default(), "")
     }
 
-    /// The same for a part of the work. All parts have one directory; that it is theirs is known by the folder `parts`
-    /// in it.
+    /// The directory for a part of the work. All parts share one directory; the folder `parts` marks it.
     ///
     /// # Errors
-    /// The same.
+    /// Those of [`Output::directory`].
     pub fn directory_of(&self, name: &str, part: &Part, parts: &str) -> Result<PathBuf, Failure> {
         let out = self.out.clone().unwrap_or_else(|| default_for(name));
         check(&out, self.force || self.resume || (part.is_one_of_several() && out.join(parts).is_dir()))?;
@@ -76,7 +75,7 @@ pub fn is_free(directory: &Path) -> Result<bool, Failure> {
 }
 
 /// Does work that writes into `directory`. The directory is made first, so that a place that cannot be written to is
-/// found before the work and not after it; work that fails without a trace leaves no new directory.
+/// found before the work and not after it. If the work fails before writing anything, a new directory is removed.
 pub fn with<T>(directory: &Path, work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
     let is_new = !directory.exists();
     fs::create_dir_all(directory).map_err(|error| Failure::file(directory, &error))?;

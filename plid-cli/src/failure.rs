@@ -118,7 +118,7 @@ impl From<RunError> for Failure {
     }
 }
 
-/// Whether a recursion was impossible from the start, by what was asked for.
+/// Whether the request itself made the recursion impossible.
 fn was_asked_for(error: &VariantError) -> bool {
     match error {
         VariantError::NoDoubleDouble(_) | VariantError::Absent { .. } => true,

@@ -103,7 +103,7 @@ pub(super) fn parse<T: serde::de::DeserializeOwned>(word: &str) -> Result<T, Str
     T::deserialize(word).map_err(|e| e.to_string())
 }
 
-/// No record has so many columns; a longer range is a mistake.
+/// No record has that many columns; a longer range is a mistake.
 const LONGEST_RANGE: usize = 10_000;
 
 /// `u1,u2`, or ranges of numbers such as `3-5`.
@@ -159,7 +159,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
 }
 
 impl Arguments {
-    /// The experiment that does the same.
+    /// The equivalent experiment.
     fn experiment(&self, name: String) -> Result<Experiment, Failure> {
         Ok(Experiment {
             name,

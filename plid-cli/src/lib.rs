@@ -40,7 +40,7 @@ use voice::Voice;
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// No progress and no remarks; errors are still shown.
+    /// Suppress progress and remarks; show errors only.
     #[arg(long, global = true)]
     quiet: bool,
     /// Print results as JSON on standard output.
@@ -70,8 +70,8 @@ pub fn main() -> ExitCode {
     main_with(Library::standard())
 }
 
-/// The same with effects of one's own: `plid gap diagnose`, `plid gap predict` and `plid gap trial` then know them like
-/// the built-in ones.
+/// Runs the program with effects of your own: `plid gap diagnose`, `plid gap predict` and `plid gap trial` then treat
+/// them like the built-in ones.
 ///
 /// ```no_run
 /// use plid::gap::effects::{Effect, Library};

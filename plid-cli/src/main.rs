@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 
-/// The system's allocator, which counts: `plid bench speed` states what a step allocates.
+/// The system's allocator with a counter, so that `plid bench speed` can state the allocations of a step.
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 

@@ -7,12 +7,10 @@ use super::{Failure, Voice, voice};
 /// Work that several processes or machines share.
 #[derive(clap::Args, Default)]
 pub struct Part {
-    /// Do the i-th of N shards only. All shards have the same output directory, and each continues where it was
-    /// interrupted.
+    /// Run only shard i of N. All shards have the same output directory, and each continues where it was interrupted.
     #[arg(long, value_name = "i/N")]
     pub shard: Option<Shard>,
-    /// Join what all shards have done, and write the results. Nothing is computed: a shard that is missing or not
-    /// complete is an error.
+    /// Merge the results of all shards without computing anything; a missing or incomplete shard is an error.
     #[arg(long, conflicts_with = "shard")]
     pub merge: bool,
 }
@@ -23,12 +21,12 @@ impl Part {
         self.shard.is_some() || self.merge
     }
 
-    /// Says that a shard of a study is complete. It has no results of its own.
+    /// Says that a shard of a study is complete. A shard alone has no results.
     pub fn tell_shard(shard: Shard, voice: Voice) -> Result<(), Failure> {
         match voice {
             Voice { json: true, .. } => voice::print(&format!("{}\n", serde_json::json!({ "shard": shard }))),
             Voice { quiet: true, .. } => Ok(()),
-            _ => voice::print(&format!("{shard} is complete; --merge joins all of them\n")),
+            _ => voice::print(&format!("{shard} is complete; --merge merges all shards\n")),
         }
     }
 }

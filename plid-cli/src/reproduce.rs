@@ -21,7 +21,7 @@ use super::{Failure, Voice, directory, voice};
         "Examples:\n",
         "  plid reproduce --quick --out out/paper\n",
         "  plid reproduce --only fig6 --only drift\n",
-        "  plid reproduce --out out/paper --shard 3/8   # likewise all others, on any machine\n",
+        "  plid reproduce --out out/paper --shard 3/8   # run every shard 1/8 … 8/8, on any machine\n",
         "  plid reproduce --out out/paper --merge\n",
         "then open out/paper/report.html. The configs are in experiments/paper; those that identify a model also run ",
         "by themselves, as in `plid run experiments/paper/fig8.toml`.",
@@ -40,7 +40,7 @@ pub struct Arguments {
     /// Directory with ID.toml and ID.vary.toml to be used instead of the built-in ones.
     #[arg(long, value_name = "DIR")]
     configs: Option<PathBuf>,
-    /// Discard earlier results, and write into the directory whatever it contains.
+    /// Discard earlier results, and write into the directory even if it is not empty.
     #[arg(long)]
     force: bool,
     #[command(flatten)]

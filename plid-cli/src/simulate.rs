@@ -9,7 +9,7 @@ use super::{Failure, Voice, table, voice};
 
 /// Simulate a model in free run: x_{k+1} = A x_k + B u_k, y_k = C x_k + D u_k, from rest.
 ///
-/// The input file needs one column named after each input of the model and, if it states a sample rate, the model's.
+/// The input file needs one column per model input, named after it; its sample rate, if stated, must match the model's.
 /// The result has one row per input row and one column per output. A model identified by plid describes deviations from
 /// its operating point; --operating-point subtracts the operating point from the input and adds it to the output.
 #[derive(clap::Args)]

@@ -9,7 +9,7 @@ use plid::model::ModelError;
 
 use super::Failure;
 
-/// Rates that differ by less than this, relatively, are the same: printed times are rounded.
+/// Rates with a smaller relative difference count as equal, because printed times are rounded.
 const SAME_RATE: f64 = 1e-4;
 
 /// Reads a file of any format that plid knows.

@@ -1,7 +1,7 @@
 //! A matrix library under the recursion: storage, and a few coarse in-place kernels.
 //!
 //! Every kernel has a plain body over column slices, in [`kernels`]. A backend overrides those that its library does
-//! better; a new backend is its storage and, at first, nothing else.
+//! better; a new backend only needs its storage at first.
 
 use std::fmt::Debug;
 

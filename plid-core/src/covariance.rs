@@ -3,7 +3,7 @@
 use crate::kernels::{BadPivot, Kernels, semidefinite_ldl};
 use crate::{Dense, ImplicitModel, Matrix, NoiseTerms, Scalar, ViewMut};
 
-/// What a conditional expectation hands to the time update:
+/// The result that a conditional expectation passes to the time update:
 /// P <- Fbar P Fbar^T + diag(Qbar, 0) with Fbar = [Abar, phi (x) I; 0, I], Abar = J + sum_i abar_i e_{c_i}^T, and
 /// the mean x <- J x + sum_k phi_k theta_k + d.
 #[derive(Clone, Debug)]
@@ -83,7 +83,7 @@ pub trait CovariancePropagation: Send + Sync + 'static {
     /// The number type.
     type Scalar: Kernels;
 
-    /// What a user may set; `()` if there is nothing to set.
+    /// The options of the form; `()` if there are none.
     type Options: Clone + Default
     where
         Self: Sized;
@@ -132,8 +132,8 @@ pub trait CovariancePropagation: Send + Sync + 'static {
     }
 
     /// Adds parameter noise of variance `q` a step to the variance of each parameter. A factored form may inflate one
-    /// parameter a step, in turn, by as much as gathers in a round; `step` tells whose turn it is. The loop calls it
-    /// only where a run asks for parameter noise.
+    /// parameter a step, in turn, by the noise accumulated over one round; `step` selects the parameter. The loop calls
+    /// it only where a run asks for parameter noise.
     ///
     /// # Errors
     /// [`Unsupported`] if the form has no such operation, as here.

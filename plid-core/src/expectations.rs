@@ -4,7 +4,7 @@
 use crate::kernels::Kernels;
 use crate::{CovariancePropagation, Dense, ImplicitModel, NoiseTerms, ScalarOf, Transition, ViewMut};
 
-/// What a conditional expectation sees of a step.
+/// The part of a step that a conditional expectation may read.
 #[derive(Clone, Copy)]
 pub struct StepView<'a, S> {
     /// The structure.
@@ -48,7 +48,7 @@ pub trait ConditionalExpectations: Send + Sync + 'static {
     /// The number type.
     type Scalar: Kernels;
 
-    /// What a user may set; `()` if there is nothing to set.
+    /// The options of the expectation; `()` if there are none.
     type Options: Clone + Default
     where
         Self: Sized;

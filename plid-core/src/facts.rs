@@ -1,4 +1,4 @@
-//! What a catalogue and the studies need to know about a variant in addition to its arithmetic. Every item is required:
+//! Facts about a variant that a catalogue and the studies need in addition to its arithmetic. Every item is required:
 //! a variant that lacks one does not compile into a catalogue.
 
 use crate::{Checkpointed, ConditionalExpectations, CovariancePropagation, Dense, Health, Inspect};
@@ -36,7 +36,7 @@ impl StepSize {
 /// One part of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Term {
-    /// What is done.
+    /// The operation.
     pub what: &'static str,
     /// Its operations; a multiplication and an addition are two.
     pub flops: f64,
@@ -51,8 +51,8 @@ pub struct FormFacts {
     pub factored: bool,
     /// The operations of both updates.
     pub updates: fn(&StepSize) -> Vec<Term>,
-    /// Those of [`CovariancePropagation::add_parameter_blocks`], where so many pairs of different parameter columns
-    /// have a weight.
+    /// Those of [`CovariancePropagation::add_parameter_blocks`], where this number of pairs of different parameter
+    /// columns have a weight.
     pub parameter_blocks: fn(&StepSize, f64) -> Vec<Term>,
     /// Those of [`CovariancePropagation::output_columns`] for all outputs.
     pub output_columns: fn(&StepSize) -> Vec<Term>,

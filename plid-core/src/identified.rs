@@ -2,7 +2,7 @@
 
 use crate::{Dense, ImplicitModel, Matrix, Scalar};
 
-/// x_{k+1} = A x_k + B u_k, y_k = C x_k in the canonical form, with what is known of the accuracy.
+/// x_{k+1} = A x_k + B u_k, y_k = C x_k in the canonical form, with its accuracy where known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IdentifiedModel {
     /// A, n x n.

@@ -222,12 +222,12 @@ where
     /// A run that is about to take its first sample.
     ///
     /// # Errors
-    /// A noise model, initial estimate, covariance, forgetting factor or parameter noise that cannot be.
+    /// An invalid noise model, initial estimate, covariance, forgetting factor or parameter noise.
     pub fn new(model: M, noise: &NoiseModel, settings: &Settings) -> Result<Self, IdentifierError> {
         Self::with_options(model, noise, settings, &C::Options::default(), &E::Options::default())
     }
 
-    /// The same, with options of the form and of the expectation.
+    /// A run that is about to take its first sample, with options of the form and of the expectation.
     ///
     /// # Errors
     /// As [`Identifier::new`].
@@ -250,8 +250,8 @@ where
     E: ConditionalExpectations<Scalar = ScalarOf<C>> + ?Sized,
     M: ImplicitModel,
 {
-    /// A run that is about to take its first sample, over an expectation that is there already and the form that
-    /// `covariance` makes of the structure and P0 once these have been checked.
+    /// A run that is about to take its first sample, with an existing expectation and the form that `covariance` makes
+    /// of the structure and P0 once these have been checked.
     ///
     /// # Errors
     /// As [`Identifier::new`].
@@ -294,8 +294,8 @@ where
         self.take(z, u, false)
     }
 
-    /// The same, where a NaN among the outputs means that this output is missing: the step updates with those that are
-    /// there.
+    /// Takes a step in which a NaN among the outputs means that this output is missing. The step updates with the
+    /// others.
     ///
     /// # Errors
     /// As [`Identifier::step`].

@@ -11,7 +11,7 @@ pub struct View<'a, S> {
     stride: usize,
 }
 
-/// The same, to be written to.
+/// A mutable view of a column-major matrix.
 #[derive(Debug)]
 pub struct ViewMut<'a, S> {
     data: &'a mut [S],
@@ -89,7 +89,7 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
         View { data: self.data, rows: self.rows, columns: self.columns, stride: self.stride }
     }
 
-    /// This view once more, for a shorter time.
+    /// Reborrows the view.
     pub fn reborrow(&mut self) -> ViewMut<'_, S> {
         ViewMut { data: self.data, rows: self.rows, columns: self.columns, stride: self.stride }
     }
@@ -167,7 +167,7 @@ pub trait Matrix<S>: Clone + std::fmt::Debug + Send + Sync + 'static {
     fn view_mut(&mut self) -> ViewMut<'_, S>;
 }
 
-/// A column-major matrix in a `Vec`, its first entry on a cache line of its own: a vector register's worth of entries
+/// A column-major matrix in a `Vec`, its first entry at the start of a cache line: a vector register's worth of entries
 /// that lies across two lines costs two loads.
 #[derive(Debug)]
 pub struct Dense<S> {
@@ -181,7 +181,7 @@ pub struct Dense<S> {
 /// Bytes of a cache line, and of the widest registers.
 const LINE: usize = 64;
 
-/// Where the first line begins; 0 where the allocator cannot tell, which costs speed and nothing else.
+/// Where the first line begins; 0 where the allocator cannot tell, which only costs speed.
 fn line_start<S>(storage: &[S]) -> usize {
     match storage.as_ptr().align_offset(LINE) {
         start if start <= line_entries::<S>() => start,
@@ -279,7 +279,7 @@ impl<S: Scalar> Dense<S> {
         self.data_mut().fill(value);
     }
 
-    /// The same matrix in another scalar, by way of `f64`: a double-double loses its second half.
+    /// Converts the matrix to another scalar by way of `f64`, so that a double-double loses its second half.
     pub fn cast<T: Scalar>(&self) -> Dense<T> {
         Dense::from_fn(self.rows, self.columns, |i, j| T::from_f64(self.at(i, j).to_f64()))
     }

@@ -84,12 +84,12 @@ impl NoiseModel {
         }
     }
 
-    /// The numbers of the paper, 0.005, 0.005 and 0.010, read as it uses them: as covariances.
+    /// The paper's numbers 0.005, 0.005 and 0.010, read as covariances, as the paper uses them.
     pub fn paper_literal(p: usize, m: usize, n: usize) -> Self {
         Self::diagonal(&vec![0.005; p], &vec![0.005; m], &vec![0.010; n])
     }
 
-    /// The same numbers read as what they are, volts RMS: their squares are the covariances.
+    /// The paper's numbers read as volts RMS, which they are: their squares are the covariances.
     pub fn paper_squared(p: usize, m: usize, n: usize) -> Self {
         let square = |x: f64| x * x;
         Self::diagonal(&vec![square(0.005); p], &vec![square(0.005); m], &vec![square(0.010); n])
@@ -222,7 +222,7 @@ impl CheckScratch {
     }
 }
 
-/// What a step uses of the noise model: the moments of v and xi given w, for the available
+/// The part of the noise model that a step uses: the moments of v and xi given w, for the available
 /// outputs.
 #[derive(Clone, Debug)]
 pub struct NoiseTerms<S> {
@@ -394,7 +394,7 @@ impl<S: Scalar> NoiseTerms<S> {
         }
     }
 
-    /// The available outputs, ascending. The rows and columns of R, L and M below stand in this order.
+    /// The available outputs, ascending. The rows and columns of R, L and M below are in this order.
     pub fn available(&self) -> &[usize] {
         &self.available
     }

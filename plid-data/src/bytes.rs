@@ -1,6 +1,6 @@
 //! Numbers in bytes of either order.
 
-/// What is left of a file, read from the front. Every size is held against it before it is used.
+/// The rest of a file, read from the front. Every size is compared with it before it is used.
 #[derive(Clone, Copy)]
 pub(super) struct Bytes<'a> {
     pub rest: &'a [u8],

@@ -289,7 +289,7 @@ mod tests {
         assert!(content.columns[[0, 1]].is_nan() && content.columns[[0, 2]].is_nan());
         assert_eq!(content.columns[[1, 0]], f64::NEG_INFINITY);
         assert_eq!(content.columns[[2, 1]], f64::INFINITY);
-        // A sensor that fails from the second sample on says NaN: that is no scalar.
+        // A sensor that fails from the second sample on says NaN: that is not a scalar.
         assert_eq!(parse("u,y\n1,2\n3,nan\n4,nan\n").unwrap().names, ["u", "y"]);
     }
 

@@ -43,7 +43,7 @@ pub enum DataError {
         /// Cells of this row.
         found: usize,
     },
-    /// A cell that is no number.
+    /// A cell that is not a number.
     #[error("{file}, line {line}, column `{column}`: `{cell}` is not a number")]
     #[diagnostic(help("a missing value is an empty cell or NaN; comments begin with #"))]
     NotANumber {

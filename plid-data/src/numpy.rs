@@ -257,7 +257,7 @@ mod tests {
         assert!(parse(b"PK\x03\x04 PK", None).is_err());
     }
 
-    /// The marks of a directory's end may stand in the numbers of an array.
+    /// The marks of a directory's end may occur in the numbers of an array.
     #[test]
     fn marks_among_the_data_are_no_directory() {
         let ends = |count: u64| [&b"PK\x06\x06"[..], &[0; 20], &count.to_le_bytes(), b"PK\x05\x06"].concat();

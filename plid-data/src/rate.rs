@@ -160,7 +160,7 @@ mod tests {
         // 1600 Hz with four decimals: single steps are 0.0006 or 0.0007 s.
         let rounded = times(1.0 / 1600.0).iter().map(|t| (t * 1e4).round() / 1e4).collect();
         assert_eq!(sample_rate(&table("t", rounded), None).unwrap().0, 1600.0);
-        // A rate that is no whole number stays so.
+        // A rate that is not a whole number stays so.
         let (rate, _) = sample_rate(&table("t", times(1.0 / 610.35)), None).unwrap();
         assert!((rate - 610.35).abs() < 1e-6);
     }

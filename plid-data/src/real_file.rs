@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// A benchmark file under `$PLID_SHARED/real` (or `../shared/real` beside the workspace).
+/// A benchmark file under `$PLID_SHARED/real` (or `../shared/real` next to the workspace).
 pub(crate) fn real_file(name: &str) -> Option<PathBuf> {
     let shared = std::env::var_os("PLID_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);

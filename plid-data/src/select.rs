@@ -8,7 +8,7 @@ use std::collections::HashSet;
 /// The largest magnitude of a sample. Sums of fourth powers of larger ones would overflow.
 const LARGEST: f64 = 1e70;
 
-/// What NaN in an output means.
+/// The meaning of NaN in an output.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MissingPolicy {

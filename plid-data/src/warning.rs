@@ -18,7 +18,7 @@ pub enum Warning {
         file: String,
         /// The variable.
         variable: String,
-        /// What it is, as `a struct`.
+        /// Its kind, such as `a struct`.
         what: String,
     },
     /// An input that never changes.
@@ -40,7 +40,7 @@ pub enum Warning {
         channel: String,
         /// Samples that are missing.
         missing: usize,
-        /// Samples in all.
+        /// Total number of samples.
         samples: usize,
     },
     /// The anti-alias filter turns one missing sample into many.

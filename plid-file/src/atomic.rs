@@ -6,15 +6,16 @@ use tempfile::{Builder, NamedTempFile};
 
 use crate::leftover::{Lock, SUFFIX, claim, clear, prefix};
 
-/// Links are followed so many times before they are taken for a circle, as Linux does.
+/// Number of links that are followed before they count as a circle, as in Linux.
 const LINKS: usize = 40;
 
 /// Writes a file whole or not at all: the bytes go into a temporary file in the same folder, which then takes the
 /// file's name. A reader sees the old content or the new one, even after a crash. The permissions of an old file are
 /// kept.
 ///
-/// A link is followed, so that it stays a link and the file it names is replaced. What is neither a file nor missing (a
-/// device, a pipe) is written to directly. Temporary files that a killed process left for this file are removed.
+/// A link is followed, so that it stays a link and the file it names is replaced. A path that is neither a file nor
+/// missing (a device, a pipe) is written to directly. Temporary files that a killed process left for this file are
+/// removed.
 ///
 /// # Errors
 /// Returns the error of the file system. The temporary file is then removed and `path` is as it was.

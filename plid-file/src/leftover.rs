@@ -1,7 +1,7 @@
 //! Temporary files and folders of processes that were killed.
 //!
 //! Whoever makes a temporary entry holds a lock on it, which the system releases when the process ends. An entry that
-//! can be locked therefore belongs to nobody.
+//! can be locked therefore belongs to no running process.
 
 use std::ffi::OsStr;
 use std::fs::{self, File, TryLockError};

@@ -7,7 +7,7 @@ use crate::Scratch;
 /// The files of one result, which replace those of an older one together.
 ///
 /// They are written into a folder inside the target. If anything fails before [`Staged::commit`], the target's own
-/// files are as they were. What a killed process left is removed when the next result is staged.
+/// files are as they were. Files that a killed process left are removed when the next result is staged.
 #[derive(Debug)]
 pub struct Staged {
     target: PathBuf,

@@ -3,7 +3,8 @@
 //! JSON has no NaN and no infinity: serde writes `null` in their place, and a reader then finds no number, or does not
 //! notice at all. [`to_json`] therefore checks every number of a value before it writes anything, and names the first
 //! one that is not finite by its path. A `null` inside a [`serde_json::Value`] is refused as well, because it may have
-//! been such a number. What is not available has no key: a typed field is an `Option` that is skipped if it is `None`.
+//! been such a number. A value that is not available has no key: a typed field is an `Option` that is skipped if it is
+//! `None`.
 
 use serde::Serialize;
 use serde::ser;

@@ -16,7 +16,7 @@ pub(crate) enum Version {
     Three,
 }
 
-/// What is wrong with a description.
+/// The fault of a description.
 #[derive(Debug)]
 pub(crate) enum Fault {
     /// It violates the standard.
@@ -42,7 +42,7 @@ pub(crate) struct ModelDescription {
     pub keeps_states: bool,
     /// Whether a process may have one instance of it only.
     pub one_instance: bool,
-    /// Whether it takes only steps of its own size.
+    /// Whether its step size is fixed.
     pub fixed_step: bool,
     pub start_time: f64,
     /// The step size of the default experiment in s.

@@ -11,7 +11,7 @@ use crate::{FmuError, Options};
 
 /// An FMU for co-simulation, FMI 2.0 or 3.0, as a simulator.
 ///
-/// Each run begins with the state after initialisation: the FMU is reset, or created anew if a reset does not restore
+/// Each run begins with the state after initialisation: the FMU is reset, or created again if a reset does not restore
 /// that state. Displacements at ports count from there.
 pub struct Fmu {
     /// The instance, which is dropped before the binary.

@@ -21,7 +21,7 @@ pub struct Options {
     pub ports: Vec<PortVariables>,
 }
 
-/// A parameter of an FMU that may be wrong. What is absent is taken from the FMU.
+/// A parameter of an FMU that may be wrong. Absent values are taken from the FMU.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChosenParameter {

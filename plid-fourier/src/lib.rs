@@ -21,7 +21,7 @@ pub fn forward(x: &[f64]) -> Vec<Complex64> {
     forward_of(&mut x.to_vec())
 }
 
-/// Returns the same as [`forward`], and leaves other values in `x`.
+/// Computes [`forward`] without a copy: `x` is used as scratch space.
 pub fn forward_of(x: &mut [f64]) -> Vec<Complex64> {
     if x.is_empty() {
         return Vec::new();

@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn what_varies_does_not_count() {
-        assert_eq!(kind("line 12: `abc` is no number"), kind("line 7: `d` is no number"));
+        assert_eq!(kind("line 12: `abc` is not a number"), kind("line 7: `d` is not a number"));
         assert_ne!(kind("line 12: ragged"), kind("line 12: empty"));
     }
 }

@@ -56,8 +56,8 @@ pub enum GapError {
     /// The simulation is unstable.
     #[error("{}: the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} Hz", file.display())]
     #[diagnostic(help(
-        "its free run diverges; declare the controller that stabilised the records under `[controller]`, or leave \
-        `sim` out for a model to be identified from the records"
+        "its free run diverges; declare the controller that stabilised the records under `[controller]`, or omit \
+        `sim`, so that a model is identified from the records"
     ))]
     Unstable {
         /// The simulation's file.
@@ -74,8 +74,8 @@ pub enum GapError {
         file.display()
     )]
     #[diagnostic(help(
-        "the records are stable, so one of the two is not what was at work: check the signs and the units of the \
-        controller's channels, and whether it subtracts the outputs that it reads"
+        "the records are stable, so the controller or the simulation differs from the real one: check the signs and \
+        the units of the controller's channels, and whether it subtracts the outputs that it reads"
     ))]
     UnstableLoop {
         /// The controller's file.
@@ -128,7 +128,7 @@ pub enum GapError {
         /// The cause.
         source: std::io::Error,
     },
-    /// A result is not a finite number, so nothing is written.
+    /// A result is not a finite number, so no file is written.
     #[error("{}: {source}", file.display())]
     #[diagnostic(help("a value of the records or of the simulation may be too large to square"))]
     NotFinite {

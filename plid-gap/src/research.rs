@@ -1,6 +1,6 @@
 //! Single steps of the diagnosis, for studies that omit one of them, replace it, or compare it with something else.
 //!
-//! A diagnosis needs none of this: see [`diagnose`](crate::diagnose()).
+//! A diagnosis does not need them: see [`diagnose`](crate::diagnose()).
 
 pub use crate::audit::{Audit, audit};
 pub use crate::diagnose::explain::explain;

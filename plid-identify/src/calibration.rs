@@ -1,4 +1,4 @@
-//! The ratio of the innovations to what the covariances predict.
+//! The ratio of the innovations to their size predicted by the covariances.
 
 use plid_core::{Dense, IdentifiedModel, ImplicitModel, ObservableForm};
 

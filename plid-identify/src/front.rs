@@ -18,7 +18,7 @@ const PATIENCE: usize = 2;
 /// Relative simulation errors below this count as equal: a larger order then follows only rounding.
 const EXPLAINED: f64 = 1e-3;
 /// The RMS of as many independent errors varies by one part in the root of twice their number (one standard deviation).
-/// Orders whose simulation errors differ by less than so many standard deviations count as equal.
+/// Orders whose simulation errors differ by less than this number of standard deviations count as equal.
 const CHANCE: f64 = 2.0;
 /// Samples needed per parameter column and state; with fewer, an order is not considered.
 const SAMPLES_PER_PARAMETER: usize = 4;
@@ -28,7 +28,7 @@ const LEARNING_SHARE: f64 = 0.75;
 /// Identifies a plant from its inputs (K x m) and outputs (K x p), one row per sample, at the sample rate `rate` in Hz.
 ///
 /// The number of states is the smallest whose model simulates the last quarter of the record as well as the best one,
-/// to within 5 % or what chance makes of so many samples, or with a relative error below 1e-3. The noise covariances
+/// to within 5 % or the scatter of that number of samples, or with a relative error below 1e-3. The noise covariances
 /// are chosen by the same error. The operating point is identified together with the plant: the mean of a finite record
 /// is not exactly where the plant is at rest, and the difference is not to be taken for further states.
 /// [`Identification`] has the options.
@@ -267,7 +267,7 @@ pub struct Identified {
 
 /// Appends an input that is always one.
 ///
-/// The mean of an output over a finite record is not what the plant gives for the mean of the inputs. The difference is
+/// The mean of an output over a finite record is not the plant's response to the mean of the inputs. The difference is
 /// a constant that the plant does not explain: without an input of its own it takes a further state for each output,
 /// and a record with little noise would ask for these states.
 fn with_constant(inputs: &Array2<f64>) -> Array2<f64> {
@@ -458,7 +458,7 @@ mod tests {
         assert!((0.25..4.0).contains(&ratio), "{ratio}");
     }
 
-    /// What the means leave behind takes no states of its own, whether noise hides it or not.
+    /// The remainder after removal of the means requires no additional states, whether noise hides it or not.
     #[test]
     fn the_order_is_found_without_noise_with_little_and_with_much() {
         for (states, channels) in [(4, 1), (4, 2), (6, 1), (6, 2)] {
@@ -477,7 +477,7 @@ mod tests {
         }
     }
 
-    /// The operating point: with an input of one mean the plant rests at what its gain at zero frequency makes of it.
+    /// The operating point: the mean of the outputs is that of the inputs times the plant's gain at zero frequency.
     #[test]
     fn the_plant_is_at_rest_at_the_operating_point() {
         let plant = plant();

@@ -44,7 +44,7 @@ pub struct Paused {
     pub covariance: CovarianceName,
     /// The state of the recursion within the next segment.
     checkpoint: Checkpoint,
-    /// The innovations so far, by record and row; `None` stands for NaN, which JSON cannot represent.
+    /// The innovations so far, by record and row; `None` represents NaN, which JSON cannot.
     innovations: Vec<Vec<Option<f64>>>,
 }
 

@@ -63,7 +63,7 @@ impl Normal {
         self.right[parameter] -= offset / variance;
     }
 
-    /// Solves for a step, with a damping of its own for each parameter; returns whether there is a finite solution.
+    /// Solves for a step, with a separate damping for each parameter; returns whether there is a finite solution.
     pub fn solve_damped(
         &self,
         damping: impl Fn(usize) -> f64,

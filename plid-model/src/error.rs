@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-/// What is wrong with one key of a model.
+/// The fault of one key of a model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KeyProblem {
     /// A required key is absent.

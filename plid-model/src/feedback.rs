@@ -9,7 +9,7 @@ const SAME_RATE: f64 = 1e-6;
 /// Smallest singular value of I - D Dc, over its largest, with which an algebraic loop counts as solvable.
 const WELL_POSED: f64 = 1e-9;
 
-/// What a controller reads and drives, by the channels of its plant.
+/// The channels of a plant that its controller reads and drives.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Wiring {
     /// For each input of the controller, the output of the plant that it reads; `None` for a reference.
@@ -19,11 +19,11 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// Wires a controller to a plant by the names of the channels. An input of the controller that is no output of the
-    /// plant is a reference.
+    /// Wires a controller to a plant by the names of the channels. An input of the controller that is not an output of
+    /// the plant is a reference.
     ///
     /// # Errors
-    /// [`ModelError::Key`] if an output of the controller is no input of the plant, or if the controller reads no
+    /// [`ModelError::Key`] if an output of the controller is not an input of the plant, or if the controller reads no
     /// output; [`ModelError::LoopRates`].
     pub fn new(plant: &Model, controller: &Model) -> Result<Self, ModelError> {
         let (plant_hz, controller_hz) = (plant.sample_rate_hz, controller.sample_rate_hz);
@@ -50,9 +50,9 @@ impl Wiring {
 }
 
 /// Returns the closed loop of a plant with m inputs, n states and p outputs, and a controller with k states. Its inputs
-/// are what is added to each input of the plant (m, under their names), then the references. Its outputs are those of
-/// the plant, and its states are those of the plant, then those of the controller (n + k). Where both have feedthrough,
-/// the algebraic loop is solved.
+/// are the signals added to each input of the plant (m, under their names), then the references. Its outputs are those
+/// of the plant, and its states are those of the plant, then those of the controller (n + k). Where both have
+/// feedthrough, the algebraic loop is solved.
 ///
 /// The controller acts at the samples alone, so the loop has no continuous form, and ports are not carried over.
 ///
@@ -75,7 +75,7 @@ pub fn close_loop(plant: &Model, controller: &Model) -> Result<Model, ModelError
     // y = of_states (x; xc) + of_inputs (v; r).
     let of_states = &solved * side_by_side(&plant.c, &(&plant.d * &seen));
     let of_inputs = &solved * side_by_side(&plant.d, &(&plant.d * &driven * &from_references));
-    // The plant's inputs, likewise.
+    // The plant's inputs in the same form.
     let command_of_states = side_by_side(&DMatrix::zeros(m, n), &seen) + &feedthrough * &of_states;
     let command_of_inputs =
         side_by_side(&DMatrix::identity(m, m), &(&driven * &from_references)) + &feedthrough * &of_inputs;
@@ -103,7 +103,7 @@ fn solved(d: &DMatrix<f64>, feedthrough: &DMatrix<f64>) -> Result<DMatrix<f64>, 
     let matrix = DMatrix::identity(p, p) - d * feedthrough;
     let sizes = matrix.singular_values();
     let ratio = sizes.min() / sizes.max();
-    // NaN is no solution either.
+    // NaN is not a solution either.
     let inverse = if ratio > WELL_POSED { matrix.try_inverse() } else { None };
     inverse.ok_or(ModelError::AlgebraicLoop { ratio })
 }

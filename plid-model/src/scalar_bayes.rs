@@ -66,7 +66,7 @@ struct Given {
     b: (f64, f64),
 }
 
-/// A weight below the largest by this much in the logarithm is nothing.
+/// A weight below the largest by this much in the logarithm is negligible.
 const NEGLIGIBLE: f64 = 40.0;
 
 fn given(record: &ScalarRecord<'_>, prior: &ScalarPrior, a: f64) -> Given {

@@ -169,7 +169,7 @@ impl Part {
 /// A measured number.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Figure {
-    /// What the number is.
+    /// The name of the number.
     pub name: String,
     /// Its value; `None` if it is not finite.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -6,8 +6,8 @@ use plid_report::{Cell, Report, Table};
 use crate::claim::{Claim, Finding, Panel, Verdict};
 use crate::reproduce::Summary;
 
-/// What conclusions a simulated truss permits.
-pub const CAVEAT: &str = "The paper's own records are not to be had. Its experiment is repeated on a simulated truss \
+/// The conclusions that a simulated truss permits.
+pub const CAVEAT: &str = "The paper's own records are not available. Its experiment is repeated on a simulated truss \
     that was built from the paper's figures: \
     frequencies, levels, noise, converters. So a simulation can say whether PLID does what the paper says of it, given \
     such a plant, such noise and such converters, and it \
@@ -21,7 +21,7 @@ pub struct Line {
     pub claim: Claim,
     /// Its config.
     pub config: String,
-    /// What was varied.
+    /// The varied settings.
     pub vary: String,
     /// The finding; `None` if it has not been run.
     pub finding: Option<Finding>,

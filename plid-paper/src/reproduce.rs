@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::claim::{Claim, Context, Finding, Panel, Verdict};
 use crate::page::{self, Line};
 
-/// What to run.
+/// The claims to run, and how.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// The claims; empty for all.
@@ -25,7 +25,7 @@ pub struct Options {
     pub configs: Option<PathBuf>,
     /// Whether to discard what the output directory contains.
     pub anew: bool,
-    /// The shard of the claims to run, in a folder of its own in the output directory; `None` for all.
+    /// The shard of the claims to run, in its own folder in the output directory; `None` for all.
     pub shard: Option<Shard>,
     /// Whether to take the findings from all shards in the output directory, and to run nothing.
     pub merge: bool,
@@ -139,9 +139,10 @@ impl Work<'_> {
         self.progress.stage("claims");
         self.progress.advance(0, self.total);
         let (timed, plain): (Vec<&Task>, Vec<&Task>) = tasks.iter().partition(|task| task.claim.timed);
-        // Longer ones would be better first, but nobody knows which they are; threads help each other within a claim.
+        // It would be better to start with the longest ones, but these are not known; threads help each other within a
+        // claim.
         let mut results: Vec<Result<(), StudyError>> = plain.par_iter().map(|task| self.one(task)).collect();
-        // Beside other work there would be no timing.
+        // Timed claims run alone, because other work would disturb the timing.
         results.extend(timed.iter().map(|task| self.one(task)));
         results
     }
@@ -224,7 +225,7 @@ fn keep(task: &Task, finding: &Finding, at: &Path) -> Result<(), StudyError> {
 pub struct Summary {
     /// The claim.
     pub id: &'static str,
-    /// What the paper says.
+    /// The statement of the paper.
     pub statement: &'static str,
     /// The verdict.
     pub verdict: Verdict,

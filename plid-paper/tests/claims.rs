@@ -34,7 +34,7 @@ fn figures(id: &str, finding: &Finding, golden: &[Golden]) {
     }
 }
 
-/// The same for a claim that measures times: neither they nor the verdict, which depends on them, are compared.
+/// Checks a claim that measures times: neither they nor the verdict, which depends on them, are compared.
 fn unjudged(id: &str, golden: &[Golden]) {
     let directory = tempfile::tempdir().unwrap();
     figures(id, &quick(&[id], directory.path()).remove(0).1, golden);
@@ -348,7 +348,7 @@ fn every_claim_is_there_with_configs_that_can_be_read() {
         "rate", "drift", "halftime", "tenfold", "twelve", "parnoise", "converge", "unstable", "sizing",
     ];
     assert_eq!(CLAIMS.iter().map(|claim| claim.id).collect::<Vec<_>>(), asked);
-    // Those that are studies of the bench, or arithmetic, are no experiments.
+    // Studies of the bench and arithmetic are not experiments.
     let others: BTreeSet<&str> = ["halftime", "tenfold", "twelve", "parnoise", "converge", "sizing"].into();
     for claim in CLAIMS.iter().filter(|claim| !others.contains(claim.id)) {
         let experiment: Experiment = from_toml(claim.config, claim.id).unwrap();

@@ -325,7 +325,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .figure(frf_plot(&first), "Measured, identified and true response of one pair; above, the coherence.")
         .figure(
             frf_grid(CHANNELS, &all),
-            "All pairs: columns are inputs, rows are outputs. The green strip is full where the coherence is one.",
+            "All pairs: columns are inputs, rows are outputs. The green strip shows the coherence.",
         )
         .figure(
             convergence_figure(&errors, Scale::Log, Scale::Log),

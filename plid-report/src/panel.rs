@@ -41,13 +41,13 @@ impl Axis {
         Self { label: label.into(), scale: Scale::Log, ..Self::default() }
     }
 
-    /// The same axis with given ends.
+    /// Sets the ends of the axis.
     pub fn range(mut self, from: f64, to: f64) -> Self {
         self.range = Some((from, to));
         self
     }
 
-    /// The same axis with ticks at multiples of `step`.
+    /// Places the ticks at multiples of `step`.
     pub fn step(mut self, step: f64) -> Self {
         self.step = Some(step);
         self

@@ -13,7 +13,7 @@ pub const COHERENCE: &str = "#009e73";
 /// Bounds, floors and other reference lines.
 pub const REFERENCE: &str = "#d55e00";
 
-/// Colours assigned in turn to series without one of their own.
+/// Colours assigned in turn to series without a colour.
 pub const CYCLE: [&str; 8] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d", "#8c6d1f"];
 
 pub const GRID: &str = "#e6e6e6";

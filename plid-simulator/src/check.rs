@@ -9,13 +9,13 @@ use crate::{Channels, Checked, Description, Motion, Simulator, SimulatorError};
 /// The result of one check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// What was checked, in a few words.
+    /// The rule that was checked, in a few words.
     pub what: String,
     /// Whether a diagnosis needs it.
     pub required: bool,
     /// Whether the simulator honours it.
     pub holds: bool,
-    /// What was found, in a sentence.
+    /// The finding, in a sentence.
     pub found: String,
 }
 

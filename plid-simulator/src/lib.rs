@@ -106,8 +106,8 @@ pub trait Simulator: Send {
         Err(SimulatorError::NoSteps { name: self.description().name.clone() })
     }
 
-    /// Stores the present state, between two steps, in a slot, and replaces what the slot held. The next start deletes
-    /// all states.
+    /// Stores the present state, between two steps, in a slot, and replaces the state that the slot held. The next
+    /// start deletes all states.
     ///
     /// # Errors
     /// Returns [`SimulatorError::NoStates`] if it cannot store its state ([`Description::states`]), and the errors of

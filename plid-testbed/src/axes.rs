@@ -1,4 +1,4 @@
-//! Bodies that move along axes of their own, such as a motor, a slide or the joints of an arm.
+//! Bodies that move along separate axes, such as a motor, a slide or the joints of an arm.
 
 use std::f64::consts::PI;
 
@@ -8,7 +8,7 @@ use crate::plant::StrutPort;
 use crate::state_space::StateSpace;
 use crate::{INPUTS, OUTPUTS};
 
-/// M q" + C q' + K q = G a: the actuator of each of the first inputs acts along an axis of its own with G_jj a_j, and
+/// M q" + C q' + K q = G a: the actuator of each of the first inputs acts along its own axis with G_jj a_j, and
 /// the sensor of the output of the same number shows the motion of that axis. Torques and forces are in V of the
 /// actuator, motions in V of the sensor. There is neither a filter nor, unless an effect adds one, an actuator pole.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,11 +21,11 @@ pub(crate) struct Axes {
     pub stiffness: DMatrix<f64>,
     /// The diagonal of G (n entries).
     pub drive: Vec<f64>,
-    /// What the sensors show.
+    /// The quantity that the sensors measure.
     pub shown: Shown,
 }
 
-/// What the sensors of axes show.
+/// The quantities that the sensors of axes measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shown {
     Position,
@@ -42,7 +42,7 @@ impl Shown {
     }
 }
 
-/// What an axis has of itself: force in V over acceleration, velocity and displacement.
+/// The inertia, damping and stiffness of an axis: force in V over acceleration, velocity and displacement.
 pub(crate) struct Own {
     pub inertia: f64,
     pub damping: f64,
@@ -94,7 +94,7 @@ impl Axes {
         StateSpace { a, b, c, d: DMatrix::zeros(OUTPUTS, INPUTS) }
     }
 
-    /// Each axis as a place where a force acts, in a model with so many states.
+    /// Each axis as a place where a force acts, in a model with the given number of states.
     pub(crate) fn ports(&self, states: usize) -> Vec<StrutPort> {
         let (count, mobility) = (self.drive.len(), self.mobility());
         let row = |state: usize| (0..states).map(|i| f64::from(u8::from(i == state))).collect();
@@ -114,7 +114,7 @@ impl Axes {
         (if free { count } else { 0 }..2 * count).collect()
     }
 
-    /// What an axis has of itself. Its inertia is that which a force along it alone accelerates.
+    /// The inertia, damping and stiffness of an axis. The inertia is that of a force along this axis alone.
     pub(crate) fn own(&self, axis: usize) -> Own {
         let at = (axis, axis);
         let drive = self.drive[axis];
@@ -141,7 +141,7 @@ impl Axes {
 mod tests {
     use super::*;
 
-    /// A slide under a controller, against the controller and the slide in small steps of their own.
+    /// A slide under a controller, against the controller and the slide in separate small steps.
     #[test]
     fn a_held_axis_moves_as_its_controller_makes_it_move() {
         let (damping, kp, kd) = (0.7, 90.0, 11.0);

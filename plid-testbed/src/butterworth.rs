@@ -53,7 +53,7 @@ impl Butterworth {
 mod tests {
     use super::*;
 
-    /// Gain at a frequency from the impulse response, which knows nothing of the coefficients.
+    /// Gain at a frequency from the impulse response, independent of the coefficients.
     fn gain_db(pairs: usize, cutoff_hz: f64, sample_rate_hz: f64, f: f64) -> f64 {
         let mut filter = Butterworth::low_pass(pairs, cutoff_hz, sample_rate_hz);
         let (mut re, mut im) = (0.0, 0.0);

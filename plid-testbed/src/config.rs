@@ -133,7 +133,7 @@ pub struct NoiseConfig {
     pub sensor_rms_v: f64,
     /// White noise on each held command, V RMS.
     pub amplifier_rms_v: f64,
-    /// What the ambient force alone gives behind the anti-alias filter, V RMS over the three outputs together.
+    /// The response to the ambient force alone after the anti-alias filter, V RMS over the three outputs together.
     /// With the other two sources the outputs at rest then lie at 15-20 mV.
     pub ambient_rms_v: f64,
     /// Share of the variance of the sensor noise that has passed a pole at `coloured_hz`.
@@ -203,7 +203,7 @@ pub struct EffectsConfig {
     /// Integration steps within a sample, used only where an effect acts inside the structure or moves a voltage within
     /// a sample.
     pub steps_per_sample: usize,
-    /// Any number of effects at once.
+    /// Any number of simultaneous effects.
     pub list: Vec<Effect>,
 }
 

@@ -1,4 +1,4 @@
-//! What a continuous white force amounts to in samples.
+//! The discrete covariance of a continuous white force.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 

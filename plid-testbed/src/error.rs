@@ -1,4 +1,4 @@
-//! What can be wrong with a config or an input, and what is only worth a warning.
+//! Errors of a config or an input, and warnings.
 
 use std::fmt;
 

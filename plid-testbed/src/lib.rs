@@ -6,8 +6,7 @@
 //! command -> DAC (held over a sample) -> amplifier noise -> actuator pole -> structure ->
 //! accelerations -> anti-alias filter -> sampled at t_k, before u_k acts -> sensor noise -> ADC.
 //!
-//! [`effects`] lists what may be wrong with it beside that: at an actuator, in the structure, at a sensor, from
-//! outside.
+//! [`effects`] lists further faults: at an actuator, in the structure, at a sensor, from outside.
 //!
 //! [`truss`] gives the plant with its true model, modes and noise covariances; [`simulate`] runs the
 //! experiment of a [`TrussConfig`]; [`simulate_input`] does so for an input given as an array.

@@ -1,4 +1,4 @@
-//! The random part of a record: draws in a fixed order from streams of its own.
+//! The random part of a record: draws in a fixed order from its own streams.
 
 use std::f64::consts::PI;
 
@@ -46,7 +46,7 @@ impl Noise {
         add_coloured(&mut self.start, x);
     }
 
-    /// Adds what the ambient force does to the state over a sample.
+    /// Adds the response of the state to the ambient force over a sample.
     pub(crate) fn ambient(&mut self, x: &mut [f64]) {
         add_coloured(&mut self.ambient, x);
     }

@@ -39,12 +39,12 @@ pub struct Truss {
     pub noise: NoiseCovariances,
     /// Where a force may act at the strut of each input.
     pub ports: Vec<StrutPort>,
-    /// What is unusual about this plant at this rate.
+    /// Unusual properties of this plant at this rate.
     pub warnings: Vec<Warning>,
 }
 
 /// The noise that enters x_{k+1} = A x_k + B (u_k + v_k) + xi_k, z_k = C x_k + w_k; all three independent of each other
-/// and white. `u_k` is the command as the DAC gives it, so its rounding is no noise.
+/// and white. `u_k` is the command as the DAC gives it, so its rounding is not noise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoiseCovariances {
     /// Covariance of w (p x p, V^2): sensor noise and the rounding of the ADC.
@@ -162,7 +162,7 @@ pub fn truss_without_mode(config: &TrussConfig, mode: usize) -> Result<Truss, Te
     Ok(assemble_in(config, Plant::of_modes(modes, [ACTUATOR_POLE_HZ; INPUTS]), units))
 }
 
-/// The same with the displacement that counts as 1 V at each port given, in the modes' units.
+/// The truss of a plant, where `units` are the displacements that count as 1 V at each port, in the modes' units.
 pub(crate) fn assemble_in(config: &TrussConfig, plant: Plant, units: [f64; INPUTS]) -> Truss {
     let Plant { modes, axes, poles_hz } = plant;
     let step_s = 1.0 / config.sample_rate_hz;
@@ -251,7 +251,7 @@ fn noise(
     }
 }
 
-/// What a constant force of 1 V at the strut of each input gives there, in the modes' units.
+/// The static displacement by a force of 1 V at the strut of each input, in the modes' units.
 pub(crate) fn compliances(modes: &[Mode]) -> [f64; INPUTS] {
     std::array::from_fn(|j| modes.iter().map(|mode| (mode.input_shape[j] / mode.angular_frequency()).powi(2)).sum())
 }

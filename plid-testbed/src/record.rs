@@ -13,7 +13,7 @@ use crate::plant::Truss;
 use crate::state_space::multiply_add;
 use crate::{INPUTS, OUTPUTS};
 
-/// Beyond this a motion in V is no motion of any truss.
+/// Largest motion in V that a truss can have.
 const UNBOUNDED_V: f64 = 1e6;
 
 /// Outputs of a record, and how many samples of each the ADC clipped.

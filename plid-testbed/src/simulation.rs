@@ -39,7 +39,7 @@ pub fn simulate(config: &TrussConfig) -> Result<Simulation, TestbedError> {
 }
 
 /// Runs the experiment on an input given as an array (K x m, V, before the DAC), in place of the config's `input`; its
-/// length stands for `duration_s`.
+/// length replaces `duration_s`.
 ///
 /// # Errors
 /// Returns the errors of [`simulate`], and an error if the array is empty, does not have three columns, or contains NaN

@@ -3,7 +3,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 
-/// What a stream is for. The numbers are part of what a seed means: never change them.
+/// The purpose of a stream. The numbers are part of the meaning of a seed: never change them.
 #[derive(Clone, Copy)]
 pub(crate) enum Purpose {
     /// The command; indexed by input.
@@ -16,7 +16,7 @@ pub(crate) enum Purpose {
     Start = 4,
     /// Sensor noise.
     Sensor = 5,
-    /// What is random in an effect; indexed by repeat and effect.
+    /// The random part of an effect; indexed by repeat and effect.
     Effect = 6,
     /// The truss, the nominal model and the effects of a gap case.
     Draw = 7,

@@ -8,7 +8,7 @@ use crate::{INPUTS, OUTPUTS};
 /// Six tubes, each bending in two planes.
 pub(crate) const TUBES: usize = 6;
 pub(crate) const MOST_MODES_PER_TUBE: usize = 2;
-/// Modes beside those of the tubes.
+/// Modes in addition to those of the tubes.
 pub(crate) const PLATFORM_MODES: usize = DOMINANT.len() + TRUNCATED.len();
 
 /// Why a mode is in the list.

@@ -56,7 +56,8 @@ impl Plant {
         Self::with_entries(indices, inputs, radius, rng, |_, _| true)
     }
 
-    /// The same with a_i zero in the rows of block j from the (n_i + 1)-th on: see `ObservableForm::is_redundant`.
+    /// Such a random plant with a_i zero in the rows of block j from the (n_i + 1)-th on: see
+    /// `ObservableForm::is_redundant`.
     pub fn random_unique(indices: &[usize], inputs: usize, radius: f64, rng: &mut ChaCha8Rng) -> Self {
         let form = ObservableForm::new(indices, inputs).unwrap();
         Self::with_entries(indices, inputs, radius, rng, |row, output| !form.is_redundant(row, output))
@@ -160,7 +161,7 @@ pub fn record(
     (zs, us)
 }
 
-/// What may vary between cases.
+/// Properties that vary between cases.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Samples.

@@ -1,4 +1,4 @@
-//! What can be asked of any conditional expectation.
+//! Requirements on any conditional expectation.
 
 use plid_backends::Plain;
 use plid_core::ConditionalExpectations;
@@ -10,14 +10,14 @@ use crate::run::{Variant, finish_with, outcome, relative};
 use crate::scalar_case::ScalarCase;
 use crate::{allocations, properties};
 
-/// How an expectation does beside exact Bayes on the scalar plant x+ = a x + b u + xi, z = x + w.
+/// Accuracy of an expectation relative to exact Bayes, on the scalar plant x+ = a x + b u + xi, z = x + w.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
     /// Root mean square error of a.
     pub rmse: f64,
-    /// The same of the exact posterior mean, which is the least that there is.
+    /// Root mean square error of the exact posterior mean of a, which is the least possible.
     pub exact_rmse: f64,
-    /// Mean of the squared error of a over its variance in P: 1 if P tells the accuracy as it is.
+    /// Mean of the squared error of a over its variance in P: 1 if P states the true accuracy.
     pub nees: f64,
 }
 
@@ -41,8 +41,8 @@ pub fn grid_bayes<E: ConditionalExpectations<Scalar = f64>>(sigma: f64, r: f64, 
 /// agree, and checkpoints continue to the same bits. Permuted and rescaled channels permute and rescale the estimate.
 /// On a scalar plant its error is no smaller than that of exact Bayes, and smaller than the prior's.
 ///
-/// How good it is beyond that is not judged; [`grid_bayes`] tells. Nor are its equations: a missing drift or a wrong
-/// sign may pass. [`same_expectations`] compares it with another expectation.
+/// Its accuracy beyond that is not judged; [`grid_bayes`] measures it. Nor are its equations: a missing drift or a
+/// wrong sign may pass. [`same_expectations`] compares it with another expectation.
 ///
 /// # Panics
 /// Where it does not conform.

@@ -1,6 +1,6 @@
 //! Conformance tests for anybody's covariance form, conditional expectation or backend.
 //!
-//! A test of one line holds a type to what plid's own variants are held to:
+//! A one-line test runs plid's own conformance tests on a type:
 //!
 //! ```
 //! use plid_backends::Plain;
@@ -16,8 +16,8 @@
 //! - [`check_backend`]: all of plid's forms on the backend.
 //! - [`check_scalar_update`]: the measurement update by any row.
 //!
-//! Each panics with the figures where something is wrong. The crate counts allocations, and so brings the global
-//! allocator of `allocation-counter` into the program that links it: make it a dev-dependency.
+//! Each panics with the figures if something is wrong. The crate counts allocations and therefore installs the global
+//! allocator of `allocation-counter` in the program that links it: make it a dev-dependency.
 
 /// One `#[test]` per backend: `check`, which takes a [`run::Variant`], for each form with each expectation.
 #[macro_export]

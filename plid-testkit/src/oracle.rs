@@ -41,7 +41,7 @@ fn without_sensor_noise() -> Case {
 /// Estimate and covariance.
 type Outcome = (Mat<Quad>, Mat<Quad>);
 
-/// What stands after the last step, one a case and kind.
+/// The results after the last step, one for each case and kind.
 static REFERENCE: LazyLock<Vec<Vec<Outcome>>> = LazyLock::new(|| {
     let run = |case: &Case, kind: Kind| {
         let mut reference = Reference::<Quad>::new(kind, &case.indices, case.inputs, &case.settings);

@@ -1,4 +1,4 @@
-//! What holds for any structure, record and noise.
+//! Properties that hold for any structure, record and noise.
 
 use crate::case::{Case, Options, random_case};
 use crate::dense::Mat;
@@ -33,7 +33,7 @@ fn cases() -> impl Strategy<Value = Case> {
 }
 
 fn config() -> ProptestConfig {
-    // The same cases on every run: a property that fails one time in a hundred is no use to whoever broke nothing.
+    // The same cases on every run: a property that fails one time in a hundred helps nobody who broke nothing.
     // For other cases set PROPTEST_RNG_SEED, for more PROPTEST_CASES.
     let asked = ProptestConfig::default();
     let rng_seed = match asked.rng_seed {
@@ -161,8 +161,8 @@ fn stays_a_covariance<S: Kernels>(variant: &Variant<S>, case: &Case) {
     assert!(health.index < p.rows());
 }
 
-/// What rounding may do to a run. The matrix forms subtract: what is left of P carries the roundoff of the largest P
-/// that there was, and the gain divides by R.
+/// Limit on the effect of rounding on a run. The matrix forms subtract: the remaining P has the roundoff of the largest
+/// P that there was, and the gain divides by R.
 fn rounding<S: Kernels>(variant: &Variant<S>, case: &Case) -> f64 {
     let mut run = variant.with_form::<BiermanUd<Plain<S>>>().on(case);
     let mut largest = outcome(&run).1.norm();
@@ -261,7 +261,7 @@ fn follows_the_channels<S: Kernels>(variant: &Variant<S>, case: &Case, order: &[
     assert!(ds < limit && dp < limit, "{} rescaled: s {ds:.1e}, P {dp:.1e}", variant.label());
 }
 
-/// P / lambda each step: the dense recursion with the same. A form that says that it cannot forget is left out.
+/// Compares P / lambda at each step with the dense recursion. A form that says that it cannot forget is skipped.
 fn forgets<S: Kernels>(variant: &Variant<S>, case: &Case, forgetting: f64) {
     let limit = rounding(variant, case);
     let mut case = case.clone();
@@ -340,8 +340,8 @@ pub fn checkpoints<S: Kernels>(variants: &[Variant<S>]) {
     variants.iter().for_each(|variant| continues_from_a_checkpoint(variant, &case));
 }
 
-/// Over a round of as many steps as there are parameters every form has added the same, q a step to each. A form that
-/// says that it cannot is left out.
+/// Over a round of as many steps as there are parameters, every form must add q a step to each parameter. A form that
+/// says that it cannot is skipped.
 pub fn parameter_noise_adds_up<C: Form>() {
     let form = ObservableForm::new(&[2, 1], 1).unwrap();
     let case = random_case(&[2, 1], 1, Options { full_initial: true, ..Options::default() }, 8);

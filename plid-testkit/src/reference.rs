@@ -33,7 +33,7 @@ pub struct Reference<S> {
     forgetting: S,
 }
 
-/// What the measurement z_k of the outputs that are there brings.
+/// The update by the measurement z_k of the available outputs.
 struct Measured<S> {
     there: Vec<usize>,
     h: Mat<S>,

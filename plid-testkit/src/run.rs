@@ -70,7 +70,7 @@ impl<S: Kernels> Variant<S> {
         Self { kind: Some(E::KIND), ..Self::of::<C, E>() }
     }
 
-    /// The same expectation with form `C`.
+    /// This variant's expectation with form `C`.
     pub fn with_form<C: Form<Scalar = S>>(&self) -> Self {
         Self { form_name: short_name::<C>(), form: start_form::<C>(), ..self.clone() }
     }
@@ -182,7 +182,7 @@ pub fn outcome<S: Kernels>(run: &Run<S>) -> (Mat<qd::Quad>, Mat<qd::Quad>) {
     (s, widen(&run.covariance().own_dense()))
 }
 
-/// The same matrix in double-double.
+/// Converts a matrix to double-double.
 pub fn widen<S: Scalar>(p: &plid_core::Dense<S>) -> Mat<qd::Quad> {
     Mat::from_fn(p.rows(), p.columns(), |i, j| quad(p.at(i, j)))
 }

@@ -39,7 +39,7 @@ impl ScalarCase {
         Self { a, sigma, r, z, u }
     }
 
-    /// Returns the exact posterior mean of a, from a grid with so many points a side.
+    /// Returns the exact posterior mean of a, from a grid with the given number of points per side.
     pub fn exact_mean(&self, points: usize) -> f64 {
         let record = ScalarRecord { z: &self.z, u: &self.u, sensor: self.r, state: self.sigma };
         exact_bayes(&record, &ScalarPrior::default(), points).mean[0]

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Measures what a trial of many cases costs beside the diagnosis: files, bytes, and the time of each step.
+"""Measures the overhead of a trial of many cases beyond the diagnosis: files, bytes, and the time of each step.
 
     experiments/trials/many.py PROGRAM OUT [--cases 10000] [--shards 16]
 
@@ -84,7 +84,7 @@ def main():
     out.mkdir(parents=True)
     config, trial, sealed = out / "many.toml", out / "trial", out / "sealed"
     config.write_text(CONFIG.format(cases=arguments.cases))
-    program = shutil.which(arguments.program) or sys.exit(f"{arguments.program} is no program")
+    program = shutil.which(arguments.program) or sys.exit(f"{arguments.program} is not a program")
     step("draw", program, "gap", "trial", "draw", config, "--out", trial, "--sealed", sealed, "--seed", 1)
     step("diagnose 1", program, "gap", "trial", "diagnose", trial, "--shard", f"1/{arguments.cases}")
     share_out(trial, arguments.shards)

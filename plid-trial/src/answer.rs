@@ -32,7 +32,7 @@ pub struct Answered {
 
 /// The name of answer.json.
 pub(crate) const ANSWER: &str = "answer.json";
-/// The duration is stored in a file of its own and is not part of the answer, because it differs from run to run.
+/// The duration is stored in a separate file and is not part of the answer, because it differs from run to run.
 pub(crate) const SECONDS: &str = "seconds.json";
 
 /// seconds.json.

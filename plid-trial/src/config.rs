@@ -41,7 +41,7 @@ pub struct Cases {
     /// without that effect. As many of the other single effects are answered a second time without an effect that does
     /// not act.
     pub leave_one_out: usize,
-    /// One effect: so many in all, effects in turn; beside `singles_per_effect`.
+    /// One effect: total number of such cases, with effects in turn, in addition to those of `singles_per_effect`.
     pub singles: usize,
 }
 
@@ -77,7 +77,7 @@ pub struct Draw {
     pub length: f64,
     /// Least gap that an effect makes alone, whatever the noise.
     pub least: f64,
-    /// Gap that small effects make together, everywhere beside the effects of a case; 0 for none.
+    /// Gap that small effects make together, in addition to the effects of a case; 0 for none.
     pub imperfections: Span,
     /// How far the simulation of a case with imperfections is off, in standard deviations of the stated limits.
     pub beyond_limits: Span,
@@ -87,7 +87,7 @@ pub struct Draw {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Span {
-    /// Always the same.
+    /// This value in every case.
     Value(f64),
     /// From the first to the second.
     Range([f64; 2]),
@@ -171,7 +171,7 @@ impl TrialConfig {
             problems.push(("effects", "an entry occurs twice".to_owned()));
         }
         match self.total() {
-            0 => problems.push(("cases", "no case is asked for".to_owned())),
+            0 => problems.push(("cases", "the trial has no cases".to_owned())),
             1..=MOST => {}
             total => problems.push(("cases", format!("{total} cases are asked for, but at most {MOST} are possible"))),
         }
@@ -198,15 +198,15 @@ impl TrialConfig {
             problems.push(("effects", format!("`{name}` makes sense on none of the `plants`")));
         }
         if self.cases.outsiders > 0 && !OUTSIDERS.iter().any(|kind| self.is_taken(kind.name)) {
-            problems.push(("outsiders", "none makes sense on one of the `plants`".to_owned()));
+            problems.push(("outsiders", "no outsider makes sense on any of the `plants`".to_owned()));
         }
         if draw.imperfections.ends()[1] > 0.0 && draw.plants.iter().any(|plant| plant.has_axes()) {
-            let reason = "those that are drawn are of structures, and not of all of the `plants`";
+            let reason = "imperfections are drawn only for structures, and some of the `plants` have axes";
             problems.push(("imperfections", reason.to_owned()));
         }
     }
 
-    /// Returns the invalid values of what is drawn.
+    /// Returns the invalid values of `draw`.
     fn problems_of_draw(&self, problems: &mut Vec<(&'static str, String)>) {
         let draw = &self.draw;
         for (key, count) in

@@ -56,7 +56,7 @@ pub(crate) const ANSWERS: &str = "answers";
 /// Answers one case, given its folder and the effects to leave out of the vocabulary for a second answer, if any.
 pub type Answerer<'a> = dyn Fn(&Path, &[String]) -> Result<Answer, String> + Sync + 'a;
 
-/// Diagnoses the cases of a trial that have no answer yet with the vocabulary `library`, and lets the baselines answer.
+/// Diagnoses the cases of a trial that have no answer yet with the vocabulary `library`, and runs the baselines.
 ///
 /// # Errors
 /// Returns an error if the trial cannot be read or an answer cannot be written. A case that cannot be diagnosed is not

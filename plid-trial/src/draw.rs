@@ -100,13 +100,13 @@ struct Made {
     repeated: usize,
 }
 
-/// Draws one case, whose plant, strengths and noise follow from a seed of its own.
+/// Draws one case, whose plant, strengths and noise follow from its own seed.
 fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Result<Made, TrialError> {
     let mut rng = ChaCha12Rng::from_seed(derived(seed, "case", index));
     let mut last = None;
     for repeated in 0..ATTEMPTS {
         let case_seed: u64 = rng.random();
-        // The same plant without an effect says what noise makes of it.
+        // The same plant without an effect gives the gap by noise alone.
         let nothing = planned.spec.clone();
         let floor = gap::draw(case_seed, &nothing).map_err(|e| not_drawn(planned, &e))?.label.gap_floor;
         let least = (config.draw.least_over_floor * floor).max(config.draw.least);
@@ -143,7 +143,8 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
             Err(error) => return Err(not_drawn(planned, &error)),
         }
     }
-    let reason = last.map_or("it is never clear of what a nuisance may be".to_owned(), |e| e.to_string());
+    let reason = last
+        .map_or("it never exceeds what the stated limits of nuisance parameters allow".to_owned(), |e| e.to_string());
     Err(TrialError::Draw { what: what(planned), reason: format!("{ATTEMPTS} draws failed: {reason}") })
 }
 

@@ -45,7 +45,7 @@ pub enum TrialError {
         /// The number and its key.
         source: plid_file::NotFinite,
     },
-    /// A file of a trial that is not what it should be.
+    /// A file of a trial with invalid content.
     #[error("{}: {reason}", path.display())]
     Malformed {
         /// The file.
@@ -71,7 +71,7 @@ pub enum TrialError {
     },
     /// Answers of different programs cannot be scored together.
     #[error(
-        "{what} comes from {theirs}, but {} {ours}; answer all cases with one program, in a folder of its own",
+        "{what} comes from {theirs}, but {} {ours}; answer all cases with one program, in a separate folder",
         if *running { "this is" } else { "another comes from" }
     )]
     OtherProgram {
@@ -79,7 +79,7 @@ pub enum TrialError {
         what: String,
         /// Where it comes from.
         theirs: Box<Program>,
-        /// With what it would be mixed.
+        /// The source with which it would be mixed.
         ours: Box<Program>,
         /// Whether that is the running program.
         running: bool,

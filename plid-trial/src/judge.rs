@@ -66,7 +66,7 @@ pub struct Candidate {
     /// The effects; empty if nothing is missing, and for something else.
     #[serde(default)]
     pub effects: Vec<Named>,
-    /// Whether it stands for something else.
+    /// Whether it is "something else".
     #[serde(default)]
     pub unknown: bool,
     /// The probability; those of all explanations add up to one.
@@ -133,7 +133,7 @@ pub struct Judged {
     pub at: String,
     /// Whether an effect was named, whatever the truth is.
     pub named: bool,
-    /// Whether the single effect was named, and nothing else.
+    /// Whether the single effect was named, and no other.
     pub exact: bool,
     /// Whether the first effect named is of the right family.
     pub family: bool,
@@ -336,11 +336,11 @@ mod tests {
         truth(json!([effect("clearance", 1)]))
     }
 
-    /// One effect, rightly named first and a wrong one beside it; the truth is second among the candidates.
+    /// One effect, named first correctly and together with a wrong one; the truth is second among the candidates.
     #[test]
     fn a_single_effect_by_the_rules() {
-        let (right, beside) = (named("clearance", "input:u2", 0.93), named("sensor-gain", "output:y1", 0.6));
-        let both = json!([right, beside]);
+        let (right, wrong) = (named("clearance", "input:u2", 0.93), named("sensor-gain", "output:y1", 0.6));
+        let both = json!([right, wrong]);
         let said = claim(json!({
             "verdict": "effects", "effects": both,
             "candidates": [
@@ -352,7 +352,7 @@ mod tests {
             "gap": { "predicted_held_out_gap": 0.03, "as_given": 0.1 },
         }));
         let found = judge(&clearance(), &[], &said, Some(0.03));
-        // The first name and its place count; exact is nothing else beside it.
+        // The first name and its place count; it is exact only if nothing else is named.
         assert!(found.family && found.located && !found.exact && found.spurious && !found.right);
         assert!(found.confident && !found.wrong && !found.open && !found.unknown);
         // 0.5 + 0.36 is below 0.95, so that something else is the third of the set.

@@ -122,7 +122,7 @@ pub(crate) fn targets(all: &MainCause) -> Vec<Target> {
         target("held-out gap over the background's, median", false, 0.8, all.over_background, all.first.of),
         share("stated gap within a quarter", true, 0.85, Some(all.stated_near)),
         share("stated 80 % interval holds the gap found", true, 0.75, Some(all.in_ci80)),
-        share("the same (it is not to be too wide either)", false, 0.87, Some(all.in_ci80)),
+        share("stated 80 % interval holds the gap found, and is not too wide", false, 0.87, Some(all.in_ci80)),
         calibrated("expected calibration error of first explanations", &all.explanations),
         calibrated("expected calibration error of named effects", &all.statements),
     ]

@@ -55,7 +55,7 @@ pub(crate) struct Seal {
     pub repeated: usize,
     /// The program that drew it.
     pub program: Program,
-    /// What was asked for.
+    /// The request.
     pub config: TrialConfig,
 }
 
@@ -111,7 +111,7 @@ impl OpenCase {
             .map(|entry| {
                 let path = entry.map_err(TrialError::file(folder))?.path();
                 let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                // What is no file is none that was drawn.
+                // Something that is not a file was not drawn.
                 let hash = if path.is_file() { sha256(&files::read(&path)?) } else { String::new() };
                 Ok((name, hash))
             })

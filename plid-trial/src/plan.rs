@@ -111,8 +111,8 @@ fn joins_channels(kind: Kind) -> bool {
     kind.name.ends_with("crosstalk") || kind.name == "x-channel-product"
 }
 
-/// Returns the first of the kinds that make sense together on one plant, so many in all. On plants of which each takes
-/// every kind, they are the first ones.
+/// Returns the first of the kinds that make sense together on one plant, up to this total. On plants of which each
+/// takes every kind, they are the first ones.
 fn together(kinds: &[Kind], size: usize, plants: &[PlantKind]) -> Vec<Kind> {
     let count = |plant: &PlantKind| kinds.iter().filter(|kind| plant.takes(kind.name)).count();
     let mut plants: Vec<PlantKind> = plants.iter().copied().filter(|plant| count(plant) >= size).collect();

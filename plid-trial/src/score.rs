@@ -46,7 +46,7 @@ pub(crate) const FIXED: &str = "answers.json";
 pub enum Extent {
     /// All cases that were drawn.
     Whole,
-    /// Those that have an answer. Cases come in an order that says nothing, so that these are a sample of all. They are
+    /// Those that have an answer. The order of the cases is random, so that these are a sample of all. They are
     /// fixed as the whole would be: what is answered later is refused.
     Answered,
 }
@@ -193,7 +193,7 @@ pub(crate) fn unseal(manifest: &Manifest, trial: &Path, sealed: &Path) -> Result
     Ok(seal)
 }
 
-/// Whether the cases and what is sealed are what the trial commits to.
+/// Whether the cases and the sealed files agree with the trial's commitments.
 fn check(manifest: &Manifest, seal: &Seal, trial: &Path, sealed: &Path) -> Result<(), TrialError> {
     for case in &manifest.cases {
         case.check(trial)?;
@@ -309,7 +309,7 @@ fn judged(
     if let Some(predictor) = predictor {
         let held_out = HeldOut::read(place.sealed, &predictor.model)?;
         gaps[0] = held_out.gap(&predictor.run(&held_out.u, predictor.t0));
-        // It has no fit of its own.
+        // It has no separate fit.
         gaps[1] = gaps[0];
         if let Some(fitted) = &baselines.fitted {
             let model = Model::read(&place.trial.join("cases").join(&place.case.case).join("sim.json"))?;

@@ -176,9 +176,9 @@ pub const ALL: &str = "all";
 pub const ARM: &str = "arm";
 /// The groups of single effects by gap.
 pub const GAP: &str = "gap";
-/// The same for effects with the vocabulary's own equation.
+/// The groups of single effects with the vocabulary's own equation by gap.
 pub const GAP_OWN: &str = "gap, own equation";
-/// The same for near misses in shape.
+/// The groups of near misses in shape by gap.
 pub const GAP_NEAR: &str = "gap, near miss";
 /// The groups of single effects at or above [`STRONG`] by equation.
 pub const EQUATION: &str = "equation";
@@ -389,7 +389,7 @@ impl Groups<'_> {
     }
 }
 
-/// What the scores state besides the cases.
+/// The parts of the scores other than the cases.
 pub(crate) struct Given {
     pub name: String,
     pub seed: u64,
@@ -433,7 +433,7 @@ impl Scores {
         }
     }
 
-    /// Cases that are scored: a second answer is no case of its own.
+    /// Cases that are scored: a second answer is not a separate case.
     pub fn scored(&self) -> usize {
         self.cases.iter().filter(|line| line.without.is_empty()).count()
     }

@@ -10,7 +10,7 @@ use crate::statistics::Rate;
 /// A figure and its target.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Target {
-    /// What the figure is.
+    /// Name of the figure.
     pub what: String,
     /// Whether `bound` is a lower bound; otherwise it is an upper bound.
     pub at_least: bool,
@@ -53,7 +53,7 @@ pub(crate) const WHOLE: &str = "active, 3 x 3";
 const WRONG: f64 = 0.05;
 
 /// The figures of some cases. `of` finds their groups: [`OWN`], [`NEAR`], [`ALL`] or the name of an arm; `singles` and
-/// `rest` stand before what each figure is.
+/// `rest` precede the name of each figure.
 fn figures<'a>(singles: &str, rest: &str, of: &dyn Fn(&str) -> Option<&'a Totals>) -> Vec<Target> {
     let mut figures = Vec::new();
     for (k, (is, equation)) in [(OWN, "own equation"), (NEAR, "near miss in shape")].into_iter().enumerate() {
@@ -99,8 +99,8 @@ pub(crate) fn targets(groups: &[Group]) -> Vec<Target> {
     targets
 }
 
-/// The same figures of each part of a trial that there are cases of. Power may fall there: the bounds are those of the
-/// whole, for comparison.
+/// The figures of each part of a trial that has cases. Power may be lower there: the bounds are those of the whole
+/// trial, for comparison.
 pub(crate) fn parts(groups: &[Group]) -> BTreeMap<&'static str, Vec<Target>> {
     let of = |part: &str, is: &str| totals(groups, &format!("{PART}{part}"), is, 0);
     let there = PARTS.iter().filter(|(part, _)| of(part, ALL).is_some());

@@ -14,7 +14,7 @@ macro_rules! every_form {
     ($then:ident $(, $argument:tt)*) => {
         $then! {
             $($argument)*
-            /// Eq. 8-10 as they stand: the fastest, and the first to lose positivity.
+            /// Eq. 8-10 without modification: the fastest, and the first to lose positivity.
             "direct" = Direct;
             /// Joseph's measurement update.
             "joseph" = Joseph;
@@ -26,7 +26,7 @@ macro_rules! every_form {
     };
 }
 
-/// The one list of conditional expectations, likewise.
+/// The list of conditional expectations, used in the same way.
 #[macro_export]
 macro_rules! every_expectation {
     ($then:ident $(, $argument:tt)*) => {

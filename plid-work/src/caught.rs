@@ -3,7 +3,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Does one part of a larger work, such as one case of many. If it panics, the error is what the panic said.
 ///
-/// What the part was changing when it panicked must not be used afterwards.
+/// Data that the part was changing when it panicked must not be used afterwards.
 ///
 /// # Errors
 /// Returns the part's own error, or a sentence about its panic.

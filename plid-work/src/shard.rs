@@ -19,7 +19,7 @@ pub const SHARDS: &str = "shards";
 pub struct Shard {
     /// From 1 to `of`.
     pub number: usize,
-    /// Shards in all.
+    /// Total number of shards.
     pub of: usize,
 }
 
@@ -73,7 +73,7 @@ pub fn shard_folders(whole: &Path) -> io::Result<Vec<PathBuf>> {
 /// Checks that each shard of a work is among `found` exactly once, and returns how many there are.
 ///
 /// # Errors
-/// Returns a sentence with the number of a shard that is missing, there twice, or of another number of shards.
+/// Returns a sentence with the number of a shard that is missing, given twice, or of another number of shards.
 pub fn require_whole(found: &[(Shard, PathBuf)]) -> Result<usize, String> {
     let Some((Shard { of, .. }, _)) = found.first() else { return Err("there is no shard to merge".to_owned()) };
     let mut places = BTreeMap::new();
@@ -82,7 +82,7 @@ pub fn require_whole(found: &[(Shard, PathBuf)]) -> Result<usize, String> {
             return Err(format!("shard {} is one of {}, but others are of {of}", shard.number, shard.of));
         }
         if let Some(first) = places.insert(shard.number, folder) {
-            return Err(format!("{shard} is there twice: {} and {}", first.display(), folder.display()));
+            return Err(format!("{shard} is given twice: {} and {}", first.display(), folder.display()));
         }
     }
     let missing: Vec<String> = (1..=*of).filter(|i| !places.contains_key(i)).map(|i| i.to_string()).collect();
@@ -121,7 +121,7 @@ mod tests {
         assert_eq!(said(&["1/3", "3/3"]), "shard 2 of 3 is missing");
         assert_eq!(said(&["2/3"]), "shards 1, 3 of 3 are missing");
         assert_eq!(said(&["1/3", "2/2"]), "shard 2 is one of 2, but others are of 3");
-        assert_eq!(said(&["1/2", "2/2", "2/2"]), "shard 2 of 2 is there twice: 2/2 and 2/2");
+        assert_eq!(said(&["1/2", "2/2", "2/2"]), "shard 2 of 2 is given twice: 2/2 and 2/2");
     }
 
     #[test]

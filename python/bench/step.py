@@ -1,4 +1,4 @@
-"""Measure what a step of a Python simulator costs beside the simulator's own work.
+"""Measure what a step of a Python simulator costs in addition to the simulator's own work.
 
     python python/bench/step.py
 

@@ -70,7 +70,7 @@ def of_arrays(found: dict[str, Any], path: str) -> _plid.Model:
     """Return the model from such arrays. MATLAB turns vectors and numbers into matrices."""
     for key in ("A", "B", "C", "sample_rate_hz"):
         if key not in found:
-            raise ValueError(f"{path}: there is no {key!r}, so it is no model of plid")
+            raise ValueError(f"{path}: there is no {key!r}, so it is not a model of plid")
     keys = json.loads(str(np.ravel(found["more"])[0])) if "more" in found else {}
     n = np.atleast_2d(found["A"]).shape[0]
     keys.setdefault("format", "state-space")

@@ -15,7 +15,7 @@ from plid._model import Model
 class Identifier:
     """The recursion, which takes one sample at a time.
 
-    The estimate holds the n states and then all parameters, (1 + p + m) n numbers in all. Inputs and outputs are
+    The estimate holds the n states and then all parameters, (1 + p + m) n numbers in total. Inputs and outputs are
     deviations from an operating point, so means should be removed.
 
     Parameters

@@ -131,7 +131,7 @@ class _Arm:
         ids = [self._id(kinds.mjOBJ_JOINT, name, "joint") for name in joints]
         for name, joint in zip(joints, ids, strict=True):
             if not self._moves_in_one_way(joint):
-                raise ValueError(f"the joint {name!r} is neither a hinge nor a slide, so it is no port")
+                raise ValueError(f"the joint {name!r} is neither a hinge nor a slide, so it cannot be a port")
         self.positions = np.array([model.jnt_qposadr[joint] for joint in ids], dtype=int)
         self.velocities = np.array([model.jnt_dofadr[joint] for joint in ids], dtype=int)
         self.rest = model.qpos0[self.positions]
@@ -223,7 +223,7 @@ class _Arm:
             kind = next((kind for start, kind in ELEMENTS.items() if attribute.startswith(start)), None)
             if kind is None or not isinstance(getattr(self.model, attribute, None), np.ndarray):
                 starts = ", ".join(ELEMENTS)
-                raise ValueError(f"parameter {name!r}: {attribute!r} is no attribute of MjModel with {starts}")
+                raise ValueError(f"parameter {name!r}: {attribute!r} is not an attribute of MjModel with {starts}")
             return self._entry(attribute, kind, element, int(column or 0))
         kind, _, rest = name.partition(".")
         element, _, field = rest.rpartition(".")

@@ -123,7 +123,7 @@ def test_friction_of_the_joint_is_named():
 def test_what_the_model_lacks_is_named():
     with pytest.raises(ValueError, match="no joint 'elbow'"):
         arm(joints=["elbow"])
-    with pytest.raises(ValueError, match="'dof_dampin' is no attribute"):
+    with pytest.raises(ValueError, match="'dof_dampin' is not an attribute"):
         arm(parameters=["dof_dampin:hinge"])
     with pytest.raises(ValueError, match="known are joint.NAME"):
         arm(parameters=["joint.hinge.dampin"])

@@ -41,7 +41,7 @@ fn the_diagnosis_does_not_reach_the_testbed() {
     }
 }
 
-/// Writing files is no part of either's mathematics.
+/// Writing files is not part of either's mathematics.
 #[test]
 fn the_testbed_reaches_only_the_crate_that_writes_files() {
     assert_eq!(reach("plid-testbed"), BTreeSet::from(["plid-file".to_owned()]));

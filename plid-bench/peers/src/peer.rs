@@ -1,4 +1,4 @@
-//! What every filter here can do, and the loop that serves a comparison.
+//! The operations of every filter here, and the loop that serves a comparison.
 
 use std::error::Error;
 use std::io::{BufRead, Write};

@@ -81,7 +81,7 @@ impl Case {
         (&self.outputs[k], &self.inputs[k])
     }
 
-    /// Writes case.json and the arrays beside it.
+    /// Writes case.json and, next to it, the arrays.
     pub fn export(&self, directory: &Path) -> Result<(), Box<dyn Error>> {
         std::fs::create_dir_all(directory)?;
         let record =

@@ -33,7 +33,8 @@ pub fn least_squares(record: &ScalarRecord<'_>) -> Option<[f64; 2]> {
     instrumental(record, 0, |k| record.z[k])
 }
 
-/// The same equations with u_{k-1} as the instrument for z_k: it is independent of the noise.
+/// Instrumental variables: the equations of [`least_squares`] with u_{k-1} as the instrument for z_k, because it is
+/// independent of the noise.
 pub fn instrumental_variable(record: &ScalarRecord<'_>) -> Option<[f64; 2]> {
     instrumental(record, 1, |k| record.u[k - 1])
 }
@@ -41,7 +42,7 @@ pub fn instrumental_variable(record: &ScalarRecord<'_>) -> Option<[f64; 2]> {
 /// The prior knowledge of (a, b).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Knowledge {
-    /// |a| < 1, and nothing else: maximum likelihood.
+    /// Only |a| < 1: maximum likelihood.
     Stable,
     /// The prior: maximum a posteriori.
     Prior,

@@ -43,7 +43,7 @@ pub struct Score {
     /// Normalised estimation error squared of all parameters, over their number: one for a consistent P.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nees: Option<Figure>,
-    /// The same of a_1 .. a_p alone.
+    /// Normalised estimation error squared of a_1 .. a_p alone, over their number.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nees_a: Option<Figure>,
     /// Root mean square error of the entries of a_1 .. a_p.
@@ -52,11 +52,11 @@ pub struct Score {
     /// Root mean square error of the entries of b_1 .. b_m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_b: Option<Figure>,
-    /// The same over that of the reference, over the runs that both have, errors in the reference's standard
-    /// deviations: otherwise the few plants that hardly answer to the input would dominate the figure.
+    /// `rmse_a` over that of the reference, over the runs that both have. Errors are in the reference's standard
+    /// deviations; otherwise the few plants that hardly respond to the input would dominate the figure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a_over_reference: Option<Figure>,
-    /// The same over that of the default expectation.
+    /// `rmse_a` over that of the default expectation, computed in the same way.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a_over_default: Option<Figure>,
     /// Relative free-run error on new inputs; geometric mean over runs, in which a useless model counts as one.
@@ -155,7 +155,7 @@ impl Cell<'_> {
     /// an end.
     ///
     /// # Errors
-    /// What the testbed says.
+    /// The error of the testbed.
     pub fn measure(&self, config: &Config, progress: &dyn Progress) -> Result<Option<Finished>, TestbedError> {
         let (methods, reference) = self.methods();
         let runs = self.plant.runs();

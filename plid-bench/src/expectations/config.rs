@@ -116,7 +116,7 @@ impl Config {
         // The names of plants are keys of cells, so they must be unique.
         let names: Vec<String> = self.plants().map(|plant| plant.name()).collect();
         all.push(names.iter().duplicates().next().map(|name| {
-            (if name.starts_with("truss") { "truss" } else { "in_class" }, format!("{name} stands twice"))
+            (if name.starts_with("truss") { "truss" } else { "in_class" }, format!("{name} is listed twice"))
         }));
         for plant in &self.scalar {
             all.extend([

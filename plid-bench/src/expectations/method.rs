@@ -14,13 +14,13 @@ use super::trial::Trial;
 pub enum Method {
     /// The recursion with this expectation.
     Filter(ExpectationName),
-    /// Exact Bayes on a grid of so many points, with the true noise variances.
+    /// Exact Bayes on a grid with this number of points, with the true noise variances.
     Exact(ScalarPrior, usize),
-    /// The same with the noise variances that the filters assume.
+    /// Exact Bayes on such a grid, with the noise variances that the filters assume.
     ExactAsTold(ScalarPrior, usize),
     /// Least squares on the outputs and inputs before.
     LeastSquares,
-    /// The same with past inputs as instruments (scalar plant).
+    /// Instrumental variables, with past inputs as instruments (scalar plant).
     InstrumentalVariable,
     /// Largest likelihood by prediction errors, with the true noise variances (scalar plant).
     MaximumLikelihood(ScalarPrior, usize),
@@ -53,7 +53,7 @@ pub struct Outcome {
     pub squared_b: f64,
     /// e^T P^-1 e over its size, of all parameters; NaN if the method gives no P or there are no true parameters.
     pub nees: f64,
-    /// The same of a_1 .. a_p alone.
+    /// e^T P^-1 e over its size, of a_1 .. a_p alone.
     pub nees_a: f64,
     /// The mean variance that the method gives the entries of a_1 .. a_p; NaN if it gives none.
     pub variance_a: f64,

@@ -50,7 +50,7 @@ pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progr
     Ok(Study { verdict: verdict::sentences(&finished), cells: finished })
 }
 
-/// Runs the cells of a shard in a folder of its own in `directory`.
+/// Runs the cells of a shard in its own folder in `directory`.
 ///
 /// # Errors
 /// [`StudyError`]

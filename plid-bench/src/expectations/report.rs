@@ -157,7 +157,7 @@ fn truss(report: Report, name: &str, cells: &[Finished], own: &[&Finished]) -> R
     if !large.is_empty() {
         report = report.figure(
             draw(format!("{name}: Sigma 100 times too large"), SNR, y, vec![], large),
-            "The same with 100 times the best Sigma of each expectation, where this was run.",
+            "The free-run error with 100 times the best Sigma of each expectation, where this was run.",
         );
     }
     for snr in [ratios.first(), ratios.get(ratios.len() / 2), ratios.last()].into_iter().flatten() {

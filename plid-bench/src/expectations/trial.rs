@@ -29,8 +29,8 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// RMS of what a model's free run from rest lacks of the true response over its RMS, on inputs that no estimate has
-    /// seen.
+    /// RMS of the error of a model's free run from rest over the RMS of the true response, on inputs that no estimate
+    /// has seen.
     pub fn free_run_error(&self, parameters: &[f64]) -> f64 {
         let (n, joint) = (self.form.states(), self.form.joint_states());
         let mut s = vec![0.0; n];

@@ -10,7 +10,7 @@ use plid_model::signal::median;
 
 /// A difference matters if it is at least this large..
 const MATTERS: f64 = 0.05;
-/// ..and would arise by chance, were there none, with less than this probability.
+/// ... and would arise by chance with less than this probability if there were none.
 const CHANCE: f64 = 0.003;
 
 /// The score of a method in a cell.
@@ -23,7 +23,7 @@ pub fn names() -> Vec<&'static str> {
     ExpectationName::all().into_iter().map(ExpectationName::as_str).collect()
 }
 
-/// Whether a ratio over so many runs differs from one by enough, and significantly.
+/// Whether a ratio over this number of runs differs from one by enough, and significantly.
 fn matters(ratio: Option<Figure>, runs: usize) -> bool {
     let Ok(student) = StudentsT::new(0.0, 1.0, (runs.max(2) - 1) as f64) else { return false };
     let errors = student.inverse_cdf(1.0 - CHANCE / 2.0);
@@ -58,7 +58,8 @@ pub struct Standing {
     pub rmse_a: Option<(f64, f64)>,
     /// Free-run error over the default's, geometric mean over these cells.
     pub free_run_in_class: Option<f64>,
-    /// The same for the truss, over its signal-to-noise ratios, each expectation at the Sigma at which it does best.
+    /// Free-run error on the truss over the default's, geometric mean over its signal-to-noise ratios, each expectation
+    /// at the Sigma at which it does best.
     pub free_run_truss: Option<f64>,
     /// Runs lost or with a useless model, over all cells.
     pub failed: usize,

@@ -1,4 +1,4 @@
-//! What is timed.
+//! The cells of the study, which are timed.
 
 use plid_catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 use plid_core::StepSize;
@@ -38,7 +38,7 @@ impl Cell {
         (backend, scalar, self.threads) == (BackendName::Plain, ScalarName::F64, 1)
     }
 
-    /// The recursion's types, with the backend that has so many threads.
+    /// The recursion's types, with the backend that has this number of threads.
     pub fn threaded(&self) -> Variant {
         let backend = if self.threads > 1 { BackendName::TwoThreads } else { self.variant.backend };
         Variant { backend, ..self.variant }

@@ -91,7 +91,7 @@ fn change(old: &Timing, new: &Timing, tolerance: f64) -> Change {
     }
 }
 
-/// Variance of the median of the logarithms; 0 for a single round, which says nothing of its scatter.
+/// Variance of the median of the logarithms; 0 for a single round, whose scatter is unknown.
 fn variance(ratios: &[f64]) -> f64 {
     let count = ratios.len() as f64;
     if ratios.len() < 2 {

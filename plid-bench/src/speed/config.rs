@@ -1,4 +1,4 @@
-//! What a speed study measures, and for how long.
+//! The config of a speed study: the cells that it measures, and for how long.
 
 use itertools::iproduct;
 use plid_catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
@@ -94,7 +94,7 @@ impl Config {
             problems.push(("visit_ms", format!("{} is not 0 or above", self.visit_ms)));
         }
         if self.cores.as_ref().is_some_and(Vec::is_empty) {
-            problems.push(("cores", "name one at least, or leave the key out".into()));
+            problems.push(("cores", "name at least one, or omit the key".into()));
         }
         for cross in &self.cross {
             problems.extend(cross.states.iter().find_map(|&n| at_least("states", n, super::cell::OUTPUTS)));

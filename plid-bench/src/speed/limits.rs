@@ -15,7 +15,7 @@ fn sweep<S: Scalar>(x: &mut [S], a: S, b: S) {
     }
 }
 
-/// The same for the lower triangle of an n x n column-major matrix.
+/// Updates the lower triangle of an n x n column-major matrix as [`sweep`] does a vector.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma"))]
 fn sweep_triangle<S: Scalar>(x: &mut [S], n: usize, a: S, b: S) {
     for (j, column) in x.chunks_exact_mut(n).enumerate() {

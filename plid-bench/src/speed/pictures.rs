@@ -9,7 +9,7 @@ use super::outcome::{Outcome, Timing};
 use super::targets::SAMPLE_US;
 use crate::Noise;
 
-/// Grey, for what is there to compare with.
+/// Grey, for references.
 const REFERENCE: &str = "#8f8f8f";
 
 /// All pictures that the measured cells allow, with their captions.

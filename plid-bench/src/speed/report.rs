@@ -1,4 +1,4 @@
-//! report.html: what it amounts to, pictures, the targets, the tables behind them.
+//! report.html: a summary, figures, the targets, and the tables behind them.
 
 use itertools::Itertools;
 use plid_catalogue::CovarianceName;

@@ -1,4 +1,4 @@
-//! What the recursion is meant to reach at n = 64 (N = 448), and whether it does.
+//! Targets of the recursion at n = 64 (N = 448), and whether they are met.
 
 use plid_catalogue::{CovarianceName as Form, ExpectationName as Expectation, ScalarName, Variant};
 use serde::Serialize;
@@ -16,11 +16,11 @@ pub const SAMPLE_US: f64 = 625.0;
 /// One target.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Target {
-    /// What is looked at.
+    /// The quantity.
     pub what: String,
-    /// What to reach, in words; empty where it is only stated.
+    /// The target in words; empty where the quantity is only stated.
     pub target: String,
-    /// What was found, in words.
+    /// The measured value in words.
     pub found: String,
     /// Whether it is reached; none where it is only stated.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -93,7 +93,7 @@ fn stated(what: String, found: String) -> Target {
     Target { what, target: String::new(), found, met: None, reason: String::new() }
 }
 
-/// What keeps a step from its target time, by the measured limits.
+/// Why a step does not reach its target time, by the measured limits.
 fn reason(outcome: &Outcome, timing: &Timing, target_us: f64) -> String {
     let Some([operations_us, bytes_us]) = outcome.bounds_us(timing) else { return "no limit was measured".into() };
     let megaflops = timing.operations.total() as f64 / 1e6;
@@ -103,7 +103,7 @@ fn reason(outcome: &Outcome, timing: &Timing, target_us: f64) -> String {
          rate of the pass"
     );
     if bound_us > target_us {
-        format!("out of this machine's reach: {limits}; the target is {target_us:.0} us")
+        format!("not achievable on this machine: {limits}; the target is {target_us:.0} us")
     } else {
         let share = 100.0 * bound_us / timing.median_us;
         let what = if operations_us > bytes_us { "peak" } else { "rate of the pass" };
@@ -121,7 +121,7 @@ fn against_peers(peers: &Peers) -> Vec<Target> {
         let (own_us, met) = (peer.plid_us_per_step, peer.ratio >= limit);
         let reason = format!("the target would need a step of {:.0} us", peer.us_per_step / limit);
         Some(Target {
-            what: format!("direct, joint-ekf beside the fastest {kind} peer, {}", peer.name),
+            what: format!("direct, joint-ekf vs. the fastest {kind} peer, {}", peer.name),
             target: format!("≥ {limit} × as fast"),
             found: format!("{:.1} × ({:.0} us, plid {own_us:.0} us)", peer.ratio, peer.us_per_step),
             met: Some(met),
@@ -139,7 +139,7 @@ fn slopes(outcome: &Outcome) -> Vec<Target> {
     for slope in outcome.slopes.iter().filter(|slope| plain(&slope.variant)) {
         let form = slope.variant.covariance;
         let what = format!("slope of log time, {}, {}", word(&form), word(&slope.variant.expectations));
-        let beside = format!("{:.2} (operations {:.2})", slope.time, slope.operations);
+        let found = format!("{:.2} (operations {:.2})", slope.time, slope.operations);
         targets.push(if form == Form::Direct {
             let reason = || {
                 format!(
@@ -147,9 +147,9 @@ fn slopes(outcome: &Outcome) -> Vec<Target> {
                     slope.operations
                 )
             };
-            Target { found: beside.clone(), ..at_most(what, slope.time, 2.1, "", reason) }
+            Target { found: found.clone(), ..at_most(what, slope.time, 2.1, "", reason) }
         } else {
-            stated(what, beside)
+            stated(what, found)
         });
     }
     targets
@@ -180,7 +180,7 @@ fn two_threads(outcome: &Outcome, form: Form) -> Vec<Target> {
         let reason = if met {
             String::new()
         } else {
-            "the parts that run on one thread, and the handing over between threads".into()
+            "the parts that run on one thread, and the synchronisation of the threads".into()
         };
         Some(Target { what, target: "≥ 1.5 × as fast".into(), found, met: Some(met), reason })
     };
@@ -188,7 +188,7 @@ fn two_threads(outcome: &Outcome, form: Form) -> Vec<Target> {
 }
 
 fn real_time(outcome: &Outcome, form: Form) -> Option<Target> {
-    // The expectation that takes longest stands for the form.
+    // The slowest expectation represents the form.
     let worst = all_expectations()
         .into_iter()
         .filter_map(|expectations| outcome.plain(STATES, form, expectations))
@@ -257,7 +257,7 @@ mod tests {
         assert!(
             target(&all, "bierman-ud, joint-ekf")
                 .reason
-                .starts_with("out of this machine's reach: its 10.00 Mflop take 200 us")
+                .starts_with("not achievable on this machine: its 10.00 Mflop take 200 us")
         );
     }
 
@@ -277,9 +277,9 @@ mod tests {
         let peers = vec![peer("a", 600.0, true), peer("b", 700.0, true), peer("c", 1000.0, false)];
         let size = Size { n: 64, inputs: 3, outputs: 3, peers, refused: Vec::new() };
         let all = targets(&run(3.0), Some(&Peers { sizes: vec![size] }));
-        let beside = |peer: &str| target(&all, &format!("direct, joint-ekf beside the fastest {peer}"));
-        assert_eq!(beside("structured peer, a").met, Some(true));
-        assert_eq!(beside("dense peer, c").met, Some(false));
-        assert!(beside("dense peer, c").reason.contains("a step of 40 us"));
+        let against = |peer: &str| target(&all, &format!("direct, joint-ekf vs. the fastest {peer}"));
+        assert_eq!(against("structured peer, a").met, Some(true));
+        assert_eq!(against("dense peer, c").met, Some(false));
+        assert!(against("dense peer, c").reason.contains("a step of 40 us"));
     }
 }

@@ -7,9 +7,9 @@ use super::cell::{Cell, OUTPUTS, scalar_bytes};
 ///
 /// - P, or its factor, one triangle with its diagonal: read once and written once, 2 N (N + 1) / 2;
 /// - the estimate s: read once and written once, 2 N;
-/// - the gain, N x p: written by the measurement update and read by what follows, 2 N p.
+/// - the gain, N x p: written by the measurement update and then read, 2 N p.
 ///
-/// What is of the size n x n (Qbar, the array of a factorisation) stays in the nearest cache and is not counted.
+/// Arrays of size n x n (Qbar, the array of a factorisation) stay in the nearest cache and are not counted.
 pub fn bytes(cell: &Cell) -> f64 {
     let joint = cell.joint_states();
     let entries = joint * (joint + 1) + 2 * joint + 2 * joint * OUTPUTS;

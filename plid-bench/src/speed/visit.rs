@@ -16,7 +16,7 @@ use super::histogram::Histogram;
 use super::limits::{Pass, passes, peak, time};
 use crate::{Loop, Workload};
 
-/// What is kept of a visit.
+/// The result of a visit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Visit {
     /// Median time of a step, us.
@@ -26,7 +26,7 @@ pub struct Visit {
     /// Allocations within the timed steps, of all threads; none where the program does not count them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub allocations: Option<usize>,
-    /// How often the recursion failed and began anew.
+    /// How often the recursion failed and was restarted.
     pub restarts: usize,
     /// Times of all steps.
     pub times: Histogram,
@@ -55,7 +55,7 @@ pub enum VisitError {
     Fails(IdentifierError),
 }
 
-/// Failures within a visit that are let pass.
+/// Number of failures within a visit that are tolerated.
 const MOST_RESTARTS: usize = 3;
 /// Single times that are kept of a visit at most.
 const MOST_STEPS: usize = 100_000;

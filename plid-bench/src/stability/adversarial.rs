@@ -131,7 +131,7 @@ mod tests {
             let at = |hz: f64| relative_power(record.inputs.iter().map(|u| u[channel]), hz, 1600.0);
             let around = [125.0, 129.0, 133.0, MODE_HZ, 139.0, 143.0, 147.0];
             assert!(around.iter().all(|&hz| at(hz) < 1e-5), "{:?}", around.map(at));
-            // Lines stand every 1600 / 2048 Hz.
+            // Lines are 1600 / 2048 Hz apart.
             let line = |hz: f64| (hz / (1600.0 / 2048.0)).round() * 1600.0 / 2048.0;
             assert!([100.0, 168.0, 186.0].iter().all(|&hz| at(line(hz)) > 1.0), "{}", at(line(168.0)));
         }

@@ -33,15 +33,15 @@ pub struct Cell {
     pub indefinite: Option<Indefinite>,
     /// Against double-double on the same record from the start.
     pub errors: Vec<ErrorAt>,
-    /// Against one step of the same form in double-double from the same s and P: what one step rounds. For a form that
-    /// orthogonalises, the loss of orthogonality is in it: U D U^T is no longer W D_w W^T.
+    /// Against one step of the same form in double-double from the same s and P: the rounding error of one step. For a
+    /// form that orthogonalises, the loss of orthogonality is in it: U D U^T is no longer W D_w W^T.
     pub local: Vec<LocalAt>,
-    /// As [`plid_core::Health`] has it, at the end.
+    /// Symmetry defect of P at the end, as defined in [`plid_core::Health`].
     pub symmetry_defect: f64,
-    /// Likewise; `None` if it is not finite.
+    /// Smallest pivot of P at the end, as defined there; `None` if it is not finite.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub smallest_pivot: Option<f64>,
-    /// Likewise.
+    /// Condition of P at the end, as defined there; `None` if it is not finite.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub condition: Option<f64>,
     /// RMS of the free run's error over RMS of the output, on the check; `None` if it diverges or the run stopped.
@@ -56,7 +56,7 @@ pub struct Cell {
     pub band_hz: [f64; 2],
     /// Samples a second.
     pub rate_hz: f64,
-    /// What a step took beside the looks; for orientation, since cells run side by side.
+    /// Time per step, excluding inspections. It is indicative only, because cells run in parallel.
     pub microseconds_per_step: f64,
 }
 
@@ -65,7 +65,7 @@ pub struct Cell {
 pub struct Stop {
     /// The step, from 1.
     pub step: usize,
-    /// Where in the step, and what.
+    /// The place in the step and the reason.
     pub reason: String,
 }
 
@@ -96,7 +96,7 @@ pub struct ErrorAt {
     pub covariance: Option<f64>,
 }
 
-/// What one step rounds.
+/// The rounding error of one step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LocalAt {
     /// The step, from 1.
@@ -109,7 +109,7 @@ pub struct LocalAt {
 }
 
 impl Cell {
-    /// A cell of which nothing is known yet.
+    /// A cell without results.
     pub fn new(group: &Group, form: CovarianceName, scalar: ScalarName, band_hz: [f64; 2], rate_hz: f64) -> Self {
         Self {
             group: group.clone(),
@@ -273,7 +273,7 @@ fn local(
     Ok(Some(LocalAt { step, deviations: moved, covariance }))
 }
 
-/// The recursion's error without its step, which stands beside it.
+/// The recursion's error without its step, which is reported separately.
 fn reason(error: &IdentifierError, states: usize) -> String {
     match error {
         IdentifierError::Indefinite { phase, index, value, .. } => {

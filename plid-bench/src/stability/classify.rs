@@ -12,7 +12,7 @@ use super::cell::{Cell, model};
 /// A cell is degraded if P is off from double-double's by more than this, |dP_ij| over sqrt(P_ii P_jj), at any
 /// snapshot;
 pub const COVARIANCE_LIMIT: f64 = 0.1;
-/// or s by more than so many standard deviations;
+/// or s by more than this number of standard deviations;
 pub const DEVIATIONS_LIMIT: f64 = 1.0;
 /// or its frequency response, at the step where they are compared, from that of its peer in f64 by more than this, over
 /// the peak;

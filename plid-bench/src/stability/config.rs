@@ -22,8 +22,8 @@ pub const BENCH: &str = include_str!("../../experiments/stability-bench.toml");
 pub struct Config {
     /// Numbers of states of the map.
     pub states: Vec<usize>,
-    /// How P is carried: all forms of the catalogue by default. What the others are judged against, Bierman UD and,
-    /// with parameter noise, the direct form in double precision, is run in any case, and so is the long run.
+    /// The covariance forms: all forms of the catalogue by default. The references for the others (Bierman UD and, with
+    /// parameter noise, the direct form, in double precision) and the long run are run in any case.
     pub covariance: Vec<CovarianceName>,
     /// Steps of each cell of the map and of its variations.
     pub steps: usize,
@@ -72,7 +72,7 @@ pub struct Long {
 pub struct Adversarial {
     /// Number of states, a multiple of 3.
     pub states: usize,
-    /// Steps of each cell; 0 for none.
+    /// Steps of each cell; 0 for no cells.
     pub steps: usize,
     /// P0 / R.
     pub start_ratios: Vec<f64>,

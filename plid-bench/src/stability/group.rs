@@ -92,7 +92,7 @@ impl Group {
         references
     }
 
-    /// The steps of a cell: the long run is single precision's; double is there to be compared with.
+    /// The steps of a cell. In the long run, only single precision takes all steps; double precision is the reference.
     pub fn steps_of(&self, scalar: ScalarName) -> usize {
         if self.part == Part::Long && scalar == ScalarName::F64 { self.compared_at } else { self.steps }
     }

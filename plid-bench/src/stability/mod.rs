@@ -48,10 +48,10 @@ pub fn carry_out(
     Outcome::new(config.clone(), machine, study::run(config, directory, None, resume, progress)?)
 }
 
-/// Runs the cells of a shard in a folder of its own in `directory`.
+/// Runs the cells of a shard in its own folder in `directory`.
 ///
 /// # Errors
-/// The same.
+/// Those of [`carry_out`].
 pub fn run_shard(
     config: &Config,
     directory: &Path,

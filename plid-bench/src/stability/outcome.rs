@@ -117,7 +117,7 @@ struct Content<'a> {
     cells: Vec<Details<'a>>,
 }
 
-/// A cell in stability.json: its line of the table and what the table leaves out.
+/// A cell in stability.json: its line of the table and the figures that the table omits.
 #[derive(Serialize)]
 struct Details<'a> {
     #[serde(flatten)]
@@ -159,7 +159,7 @@ impl Outcome {
         write_json(&path, &self.json().map_err(StudyError::not_finite(&path))?)
     }
 
-    /// Returns the content of stability.json. What is not available has no key.
+    /// Returns the content of stability.json. Values that are not available have no key.
     ///
     /// # Errors
     /// Returns [`NotFinite`] for the first number that is not finite.

@@ -9,7 +9,7 @@ use plid_testbed::{INPUTS, OUTPUTS};
 use super::group::Group;
 use super::record::{Record, single};
 
-/// What the cells of a group have in common.
+/// The common part of the cells of a group.
 #[derive(Clone, Debug)]
 pub struct Problem {
     /// The group.

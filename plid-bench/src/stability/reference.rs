@@ -49,8 +49,8 @@ pub struct ReferenceSummary {
     /// The condition of the correlation matrix of P at the last snapshot (a lower bound); `None` if P is no longer
     /// positive.
     pub condition: Option<f64>,
-    /// The largest scaled difference of P from the same in double-double with Bierman UD, and the step at which it was
-    /// taken: the reference's own error.
+    /// The largest scaled difference between this P and that of Bierman UD in double-double, and the step at which it
+    /// was taken: the reference's own error.
     pub own_error: Option<(usize, f64)>,
 }
 

@@ -32,7 +32,7 @@ pub enum Entry {
 pub struct Found {
     /// The cells, in the order of the config.
     pub cells: Vec<Cell>,
-    /// The runs in double-double, likewise.
+    /// The runs in double-double, in the order of the config.
     pub references: Vec<ReferenceSummary>,
 }
 
@@ -90,7 +90,7 @@ pub fn merge(config: &Config, directory: &Path) -> Result<usize, StudyError> {
     merge_shards::<Entry>(directory, STUDY, &to_toml(config))
 }
 
-/// The work of so many steps, in entries of P gone through, thousands.
+/// The work of a number of steps, in thousands of processed entries of P.
 fn work(group: &Group, steps: usize) -> usize {
     steps * group.joint_states().pow(2) / 1000
 }

@@ -37,7 +37,7 @@ pub struct Recommended {
     pub holds: bool,
 }
 
-/// All judged cells, asked for by what they are.
+/// All judged cells, selected by their properties.
 pub struct Cells<'a>(pub &'a [Judged]);
 
 impl<'a> Cells<'a> {
@@ -99,7 +99,7 @@ fn twelve_states(config: &Config, cells: &Cells<'_>) -> Claim {
         (true, false) => format!(
             "Twelve states are not the bound. In f64 the direct form is sound at every size up to {largest}; in f32 it \
              is not even at 12. \
-             What decides is the scalar and the length."
+             The scalar and the length of the run are decisive."
         ),
         (true, true) => format!(
             "The bound applies to single precision, in which the direct form is sound at 12 states. In f64 it is sound \
@@ -129,8 +129,7 @@ fn parameter_noise_verdict(cells: &Cells<'_>, tested: Option<(usize, usize)>) ->
         None => "It was not tested in f32.".into(),
         Some((kept, worth)) => format!(
             "In f32, parameter noise keeps a matrix positive in {kept} of the cells below, in {worth} of them at a \
-             free-run error within half \
-             again of what Bierman UD has without noise."
+             free-run error of less than 1.5 times that of Bierman UD without noise."
         ),
     };
     let verdict = format!(

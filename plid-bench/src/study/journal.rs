@@ -175,7 +175,7 @@ mod tests {
         journal.append("b", 2.5).unwrap();
         assert_eq!(fs::read_to_string(at.join(NAME)).unwrap(), whole);
         assert_eq!(open(at, "config", true).unwrap().cells().len(), 2);
-        // A head that is torn is no head.
+        // A truncated head does not count as a head.
         fs::write(at.join(NAME), "{\"study\"").unwrap();
         assert!(open(at, "config", true).unwrap().cells().is_empty());
         // Without resume the old cells are gone.

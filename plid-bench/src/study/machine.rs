@@ -21,7 +21,7 @@ pub struct Machine {
     pub target: String,
     /// Instruction sets for which the whole program was compiled; kernels that are selected at run time may use more.
     pub target_features: String,
-    /// Flags given to the compiler beside Cargo's own.
+    /// Flags given to the compiler in addition to Cargo's.
     pub rustflags: String,
     /// Version of the compiler.
     pub rustc: String,

@@ -1,7 +1,7 @@
 //! The common parts of all studies: the machine, the journal from which a study resumes, strict configs, and files.
 //!
 //! A study is a list of cells, each with a key. It measures them, appends each to the [`Journal`], and writes its files
-//! from the journal when all are complete. A [`shard`] measures a part of them in a folder of its own, and
+//! from the journal when all are complete. A [`shard`] measures a part of them in its own folder, and
 //! [`merge_shards`] joins the journals of all shards.
 
 mod error;

@@ -38,7 +38,7 @@ pub fn shard<T>(
 /// Joins the journals of all shards of `study` in `directory` to the journal there, and returns how many there were.
 ///
 /// # Errors
-/// Returns [`StudyError::Shards`] with the number of a shard that is missing, not complete or there twice, or the error
+/// Returns [`StudyError::Shards`] with the number of a shard that is missing, incomplete or given twice, or the error
 /// of a journal, as of one that belongs to another config.
 pub fn merge_shards<T: Serialize + DeserializeOwned + Clone>(
     directory: &Path,

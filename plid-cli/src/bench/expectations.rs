@@ -11,9 +11,9 @@ use crate::{Failure, Voice, directory, voice};
 /// Compare the conditional expectations with each other, with exact Bayesian estimation and with batch estimates.
 ///
 /// NEES (is the stated accuracy true?), RMS error and free-run error over signal-to-noise ratios from 0.3 to 300, for a
-/// scalar plant, for plants of 4 to 12 states, and for the truss with fewer states than it has; with the true Sigma and
-/// one 100 times too large. The full study takes up to an hour on two cores, --quick up to five minutes. Ctrl-C keeps
-/// finished cells in DIR/cells.jsonl, from which --resume continues.
+/// scalar plant, for plants of 4 to 12 states, and for the truss, identified with fewer states than its true order;
+/// with the true Sigma and one 100 times too large. The full study takes up to an hour on two cores, --quick up to five
+/// minutes. Ctrl-C keeps finished cells in DIR/cells.jsonl, from which --resume continues.
 #[derive(clap::Args)]
 #[command(
     after_help = concat!(

@@ -26,7 +26,7 @@ use crate::{Failure, Voice, directory, voice};
 pub struct Arguments {
     #[command(flatten)]
     common: Common,
-    /// Earlier speed.json: list what became slower or faster, in passes over P; exit with status 1 if something is
+    /// Earlier speed.json: list cells that became slower or faster, in passes over P; exit with status 1 if one is
     /// slower.
     #[arg(long, value_name = "OLD.json")]
     compare: Option<PathBuf>,

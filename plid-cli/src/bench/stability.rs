@@ -20,7 +20,7 @@ use crate::{Failure, Voice, directory, voice};
         "Examples:\n",
         "  plid bench stability --quick --out out/stability\n",
         "  plid bench stability experiments/bench/stability.toml --out out/stability\n",
-        "  plid bench stability --out out/stability --shard 3/8   # likewise all others, on any machine\n",
+        "  plid bench stability --out out/stability --shard 3/8   # run every shard 1/8 … 8/8, on any machine\n",
         "  plid bench stability --out out/stability --merge",
     )
 )]

@@ -15,10 +15,10 @@ use super::{Failure, Voice, table, voice};
 
 /// Write a model for MATLAB, NumPy or Python.
 ///
-/// The ending of --to names the format. A .mat and a .npz hold A, B, C, D, sample_rate_hz and, where the model has
+/// The ending of --to selects the format. A .mat and a .npz hold A, B, C, D, sample_rate_hz and, where the model has
 /// them, predictor_gain, parameter_covariance, observability_indices and initial_state, each with the meaning that it
-/// has in model.json; `more` holds all else as JSON. A .py is a module of NumPy arrays with a function that simulates.
-/// `plid.Model.load` in Python reads .mat and .npz back.
+/// has in model.json; `more` holds all other keys as JSON. A .py is a module of NumPy arrays with a function that
+/// simulates. `plid.Model.load` in Python reads .mat and .npz back.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  plid export out/truss/model.json --to model.mat\n  \
                   plid export model.json --to model.npz\n  \
@@ -32,7 +32,7 @@ pub struct Arguments {
     /// The file to write: .mat, .npz or .py.
     #[arg(long, value_name = "FILE")]
     to: PathBuf,
-    /// Replace the file if it is there.
+    /// Overwrite an existing file.
     #[arg(long)]
     force: bool,
 }
@@ -54,13 +54,13 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     let Arguments { model: from, to, force } = arguments;
     let ending = to.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
     if !["mat", "npz", "py"].contains(&ending.as_str()) {
-        return Err(Failure::input(format!("--to {}: the ending is none of .mat, .npz, .py", to.display())));
+        return Err(Failure::input(format!("--to {}: the ending is not .mat, .npz or .py", to.display())));
     }
     if table::same_file(from, to) {
         return Err(Failure::input(format!("--to {} would overwrite the model", to.display())));
     }
     if to.exists() && !force {
-        return Err(Failure::input(format!("{} is there already; --force replaces it", to.display())));
+        return Err(Failure::input(format!("{} already exists; use --force to replace it", to.display())));
     }
     let model = Model::read(from)?;
     let bytes = match ending.as_str() {

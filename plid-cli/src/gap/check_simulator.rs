@@ -67,7 +67,7 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     } else if !voice.quiet {
         voice::print(&text(simulator.description(), &findings))?;
     }
-    if sound { Ok(()) } else { Err(Failure::work("a diagnosis cannot use this simulator as it is")) }
+    if sound { Ok(()) } else { Err(Failure::work("a diagnosis cannot use this simulator in its present state")) }
 }
 
 fn text(description: &plid::simulator::Description, findings: &[Finding]) -> String {

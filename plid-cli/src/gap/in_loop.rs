@@ -14,7 +14,7 @@ use plid::simulator::Command;
 use super::serve_fmu::Choice;
 use super::{Failure, Voice, directory, progress::Spinner, table, voice};
 
-/// Starts the simulator of a case. An FMU runs in a process of its own, because it may crash or hang.
+/// Starts the simulator of a case. An FMU runs in a separate process, because it may crash or hang.
 pub fn start(case: &CaseConfig, simulator: &SimulatorConfig, file: &Path) -> Result<Command, GapError> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let patience = Duration::from_secs_f64(simulator.patience_s);

@@ -88,7 +88,7 @@ impl Arguments {
 }
 
 impl Arguments {
-    /// Reads what drives the prediction.
+    /// Reads the inputs of the prediction.
     fn driving(&self, predictor: &Predictor, simulation: &Path) -> Result<Channels, Failure> {
         let Some(measured) = &self.measured else {
             return read(&self.input, predictor, &predictor.inputs, simulation);
@@ -138,7 +138,7 @@ fn say(
     voice::print(&format!("{samples} samples from {t0:.3} s on: {}; {gap}\n", out.display()))?;
     if let Some(Beyond { times, what }) = beyond {
         let far = if times < 1e3 { format!("{times:.1} times") } else { "far beyond".to_string() };
-        voice::remark(&format!("warning: beyond what was fitted: {what} is {far} that of the fitted records"));
+        voice::remark(&format!("warning: extrapolation: {what} is {far} that of the fitted records"));
     }
     Ok(())
 }

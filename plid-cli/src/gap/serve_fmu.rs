@@ -12,8 +12,8 @@ use super::Failure;
 /// Serve an FMU as a simulator.
 ///
 /// Uses the protocol of docs/simulator-protocol.md on standard input and output. Diagnoses, predictions and `plid gap
-/// check-simulator` start this command for each FMU: it may crash or hang there without harm. Other programs may use
-/// it in the same way.
+/// check-simulator` run each FMU in this command, so that a crash or hang affects only the child process. Other
+/// programs may use it in the same way.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  plid gap serve-fmu model.fmu --rate 200 --parameter mass \\\n    \
                         --port joint=torque,angle,speed")]
@@ -38,10 +38,10 @@ pub struct Choice {
     /// be repeated.
     #[arg(long, value_name = "NAME=FORCE,DISPLACEMENT,VELOCITY")]
     port: Vec<PortVariables>,
-    /// Steps of the FMU in a sample [default: with ports, as many as the default experiment has; without 1].
+    /// FMU steps per sample [default: 1, or with ports the number in the FMU's default experiment].
     #[arg(long, value_name = "N")]
     steps_per_sample: Option<usize>,
-    /// An input. May be repeated [default: all real inputs but those that only take the force of a port].
+    /// An input. May be repeated [default: all real inputs except those that only take the force of a port].
     #[arg(long, value_name = "NAME")]
     input: Vec<String>,
     /// An output. May be repeated [default: all real outputs].
@@ -50,7 +50,7 @@ pub struct Choice {
 }
 
 impl Choice {
-    /// Returns whether nothing is chosen.
+    /// Returns whether no choice is made.
     pub fn is_empty(&self) -> bool {
         let Self { rate, parameter, port, steps_per_sample, input, output } = self;
         let lists = [parameter.is_empty(), port.is_empty(), input.is_empty(), output.is_empty()];
@@ -106,7 +106,7 @@ impl Choice {
         let Self { rate, parameter, port, steps_per_sample, input, output } = self;
         let program = std::env::current_exe()?;
         let mut command: Vec<String> = vec![program.to_string_lossy().into(), "gap".into(), "serve-fmu".into()];
-        // A value of its own may begin with a dash.
+        // A separate value may begin with a dash.
         let mut add = |key: &str, value: String| command.push(format!("--{key}={value}"));
         rate.iter().for_each(|rate| add("rate", rate.to_string()));
         steps_per_sample.iter().for_each(|steps| add("steps-per-sample", steps.to_string()));

@@ -157,7 +157,7 @@ fn an_output_may_be_a_device_a_pipe_or_a_link() {
     assert_eq!(std::fs::read_to_string(at.join("real.csv")).unwrap(), "y\n3\n8\n");
 }
 
-/// A reader that has gone, as `head` does, is no failure; a disk that is full is.
+/// A reader that has gone, as `head` does, is not a failure; a full disk is.
 #[cfg(target_os = "linux")]
 #[test]
 fn standard_output_may_be_closed_or_full() {
@@ -327,7 +327,7 @@ fn an_interrupted_run_leaves_a_checkpoint_that_resume_takes_up() {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     std::thread::sleep(std::time::Duration::from_millis(500));
-    // A process that is done cannot be signalled, which is no failure.
+    // A process that is done cannot be signalled, which is not a failure.
     Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     let status = child.wait().unwrap();
     // On a machine that is done by then there is nothing to resume; the bytes must agree all the same.
@@ -369,7 +369,7 @@ fn a_model_is_exported_for_other_programs() {
     fails(at, &["export", "model.json", "--to", "model.mat"], 2, "--force");
     assert_eq!(plid(at, &["export", "model.json", "--to", "model.mat", "--force"]).status.code(), Some(0));
     assert_eq!(std::fs::read(at.join("model.mat")).unwrap(), before);
-    fails(at, &["export", "model.json", "--to", "model.m"], 2, "none of .mat, .npz, .py");
+    fails(at, &["export", "model.json", "--to", "model.m"], 2, "the ending is not .mat, .npz or .py");
     fails(at, &["export", "none.json", "--to", "model.m.py"], 2, "none.json");
     fails(at, &["export", "model.json", "--to", "no/model.py"], 2, "no/model.py");
 }

@@ -85,7 +85,7 @@ fn a_missing_flag_is_found() {
 const NO_KEY: &str = "no_such_key";
 
 /// The keys that a strict file of type `T` may have in the table `path`, which the message about an unknown one lists;
-/// none if it is no table.
+/// none if it is not a table.
 fn keys_of<T: DeserializeOwned>(path: &str) -> Option<Vec<String>> {
     let headers = if path.is_empty() { vec![String::new()] } else { vec![format!("[{path}]"), format!("[[{path}]]")] };
     headers.into_iter().find_map(|header| {

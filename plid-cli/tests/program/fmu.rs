@@ -181,7 +181,7 @@ fn diagnosed(at: &Path, name: &str, simulator: &str) -> Value {
         write!(case, "\n[[record]]\nfile = \"r{k}.csv\"\nexcitation = \"{excitation}\"\n").unwrap();
     }
     std::fs::write(at.join(format!("{name}.toml")), case).unwrap();
-    // From another folder: the FMU is found beside its case.
+    // From another folder: the FMU is found next to its case.
     let folder = at.join("elsewhere");
     let output = plid(&folder, &["gap", "diagnose", &format!("../{name}.toml"), "--out", name, "--json"]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));

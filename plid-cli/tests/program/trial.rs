@@ -84,7 +84,7 @@ fn what_is_wrong_is_said() {
     refused(&["diagnose", "T", "--jobs", "0"], "--jobs 0");
     for command in [&["diagnose", "T", "--off"][..], &["ablate", "T", "--sealed", "S", "--out", "A", "--steps"]] {
         let command = [command, &["audit,polish"]].concat();
-        refused(&command, "`polish` is no step that can be off; those are audit, noise-fit");
+        refused(&command, "`polish` is not a step that can be switched off; those are audit, noise-fit");
         refused(&command, "temperature");
     }
 }

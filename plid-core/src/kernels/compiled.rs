@@ -25,7 +25,7 @@ macro_rules! each_kernel {
             /// columns) is touched. A and B are N x k.
             symmetric::symmetric_product_lower(c: ViewMut<'_, $s>, alpha: $s, a: View<'_, $s>, b: View<'_, $s>);
             /// The part of M (phi (x) I)^T that columns `first`.. of Y (the columns of `y`) have from the stored lower
-            /// triangle of the symmetric M (kn x kn; zeros stand above its diagonal), added to `y`; what its mirror
+            /// triangle of the symmetric M (kn x kn; its upper triangle is zero), added to `y`; what its mirror
             /// image gives to rows b, n + b, 2n + b, .. of Y for the same columns b stands, transposed, in the k
             /// columns that each b has in `mirrored` (n x k times the columns of `y`).
             symmetric::block_product_lower(
@@ -66,12 +66,12 @@ macro_rules! each_kernel {
             /// Takes the rows of a panel through all updates. `changes` has the panel's columns; `gains` (the panel's
             /// rows x k) is overwritten by the gains times their spreads.
             measurement::bierman_sweep(panel: ViewMut<'_, $s>, changes: View<'_, $s>, gains: ViewMut<'_, $s>);
-            /// The same for S S^T, with standard deviations as spreads; `d` is not used.
+            /// The measurement recursion for S S^T, with standard deviations as spreads; `d` is not used.
             measurement::givens_recursion(
                 rows: ViewMut<'_, $s>, spreads: &mut [$s], d: &mut [$s], changes: ViewMut<'_, $s>, gains: ViewMut<'_,
                     $s>
             );
-            /// The same for S S^T.
+            /// Takes the rows of a panel of S through all updates, as `bierman_sweep` does for U D U^T.
             measurement::givens_sweep(panel: ViewMut<'_, $s>, changes: View<'_, $s>, gains: ViewMut<'_, $s>);
             /// U diag(d) U^T + c a a^T for an a (a column a panel) with no entry after `place`; `a` is destroyed.
             rank_one::agee_turner(

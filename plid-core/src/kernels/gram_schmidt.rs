@@ -14,7 +14,7 @@ pub struct Support<'a> {
 }
 
 impl Support<'_> {
-    /// The ranges of row i in an array of so many columns.
+    /// The ranges of row i in an array of this number of columns.
     #[inline(always)]
     fn ranges(&self, i: usize, columns: usize) -> [std::ops::Range<usize>; 2] {
         let [first, second] = self.starts[i];

@@ -69,7 +69,7 @@ struct Place {
 }
 
 impl Place {
-    /// Adds what these columns give to W rows of the result. Returns W.
+    /// Adds the contribution of these columns to W rows of the result. Returns W.
     #[inline(always)]
     fn add<S: Scalar, const W: usize, const K: usize>(
         &self,

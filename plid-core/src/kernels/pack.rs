@@ -1,4 +1,4 @@
-//! A few numbers that a kernel works on at once: W of them side by side, so that they fill vector registers.
+//! A few numbers that a kernel processes together: W of them side by side, so that they fill vector registers.
 
 use crate::Scalar;
 

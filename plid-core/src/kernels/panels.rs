@@ -3,7 +3,7 @@
 use super::Pack;
 use crate::{Scalar, View, ViewMut};
 
-/// Where an upper triangular matrix of (count n) x (count n) stands in one matrix of half the size.
+/// The layout of an upper triangular matrix of (count n) x (count n) in one matrix of half the size.
 ///
 /// Panel k is rows kn .. (k + 1)n, of which the columns before kn are zero and are not kept. The panels stand side by
 /// side, each filled up with rows of zeros to a whole number of packs: no kernel has a ragged end, and each panel is a
@@ -50,7 +50,8 @@ impl PanelLayout {
         self.n * (k * self.count - k * k.saturating_sub(1) / 2)
     }
 
-    /// Where column j of panel k stands; j counts from the first column of the triangular matrix, and is at least kn.
+    /// The position of column j of panel k; j counts from the first column of the triangular matrix, and is at least
+    /// kn.
     pub fn column(&self, k: usize, j: usize) -> usize {
         self.start(k) + j - k * self.n
     }
@@ -105,7 +106,7 @@ pub fn advance_panel<S: Scalar>(
     }
 }
 
-/// What goes into one column.
+/// The contribution to one column.
 struct Column<'a, S> {
     layout: PanelLayout,
     theta: View<'a, S>,
@@ -123,7 +124,7 @@ impl<S: Scalar> Column<'_, S> {
         let at = end - W;
         let mut sum = Pack::<S, W>::zero();
         for (i, &offset) in self.offsets.iter().enumerate() {
-            // Above the column stands the end of the one before, which the zeros of J take out.
+            // Above the column is the end of the one before, which the zeros of J remove.
             let place = begin + at;
             let from = if place >= offset { Pack::load(&x[place - offset..]) } else { first_rows(x, offset - place) };
             sum = sum.add_product(from, Pack::load(&self.shifts.column(i)[at..]));

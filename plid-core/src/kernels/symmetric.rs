@@ -1,4 +1,4 @@
-//! What a covariance of which the lower triangle is stored goes through in a step.
+//! The operations of a step on a covariance of which the lower triangle is stored.
 
 use super::{Pack, Shift};
 use crate::{Scalar, View, ViewMut};
@@ -55,7 +55,7 @@ fn product_of_rank<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, alpha: S, a
     }
 }
 
-/// The LINE x LINE entries from (j, j) on: what is above the diagonal stays.
+/// The LINE x LINE entries from (j, j) on; those above the diagonal are not changed.
 #[inline(always)]
 fn corner<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, j: usize, alpha: S, a: View<'_, S>, b: View<'_, S>) {
     for q in 0..LINE {

@@ -19,7 +19,7 @@ struct Found {
     contents: Contents,
 }
 
-/// What a variable holds.
+/// The content of a variable.
 enum Contents {
     Real(ArrayD<f64>),
     /// A description of what it is.
@@ -214,7 +214,7 @@ mod tests {
         assert!(said[0].contains("`f` is a function handle") && said[1].contains("`o` is an object"), "{said:?}");
     }
 
-    /// The same in the other order of bytes: tags and numbers reversed where they stand.
+    /// A file in the other order of bytes: tags and numbers are reversed in place.
     #[test]
     fn either_order_of_bytes_is_read() {
         let mut file = mat_file(&[("u", 2, 1, &[1.5, -2.0])]);

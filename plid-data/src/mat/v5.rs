@@ -59,7 +59,7 @@ struct Element<'a> {
 /// The next element.
 fn element<'a>(from: &mut Bytes<'a>) -> Result<Element<'a>, String> {
     let first = from.word()?;
-    // Up to four bytes stand in the tag itself, their number beside the type.
+    // Up to four bytes are in the tag itself, and their number is next to the type.
     let small = (first >> 16) as usize;
     if small > 0 {
         let data = from.take(4)?;
@@ -144,7 +144,7 @@ fn expect<'a>(parts: &mut Bytes<'a>, kind: u32, what: &str) -> Result<&'a [u8], 
     if is_it { Ok(part.data) } else { Err(format!("type {} where its {what} is expected", part.kind)) }
 }
 
-/// What a class asks for behind the name. `parts` must hold that and nothing else.
+/// The elements that a class requires after the name. `parts` must contain these and nothing else.
 fn contents(mut parts: Bytes, class: u32, is_complex: bool, shape: &[usize]) -> Result<Contents, String> {
     let numeric = 1 + usize::from(is_complex);
     let (wanted, what) = match class {

@@ -69,7 +69,7 @@ fn band<'a>(channel: &str, parts: impl Iterator<Item = ArrayView1<'a, f64>>, rat
             sum += p;
             sum >= share * total
         });
-        // Lines stand from 0 to the Nyquist frequency.
+        // Lines go from 0 to the Nyquist frequency.
         let lines = power.len().saturating_sub(1).max(1);
         line.unwrap_or(0) as f64 * rate_hz / 2.0 / lines as f64
     };

@@ -26,7 +26,7 @@ pub enum PrepareError {
         /// Rate asked for in Hz.
         to_hz: f64,
     },
-    /// The rate to decimate to is no integer fraction of the rate of the data.
+    /// The rate to decimate to is not an integer fraction of the rate of the data.
     #[error("{to_hz} Hz is not {from_hz} Hz divided by an integer; the nearest are {below_hz} and {above_hz} Hz")]
     DecimationRatio {
         /// Rate of the data in Hz.

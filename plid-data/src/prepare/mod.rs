@@ -57,9 +57,9 @@ pub struct Prepared {
     pub advance_test: Option<AdvanceTest>,
     /// For each record, the lines removed from the inputs and from the outputs.
     pub lines: Vec<[Vec<Line>; 2]>,
-    /// What each input was divided by.
+    /// The divisor of each input.
     pub input_scales: Vec<f64>,
-    /// What each output was divided by.
+    /// The divisor of each output.
     pub output_scales: Vec<f64>,
     /// Noise covariance of a single repeat, in the data's units, and the number of repeats
     /// averaged; for each record that comes from repeats. Estimated before any decimation.

@@ -9,7 +9,7 @@ use super::{Birth, Failed, done};
 
 type Component = *mut c_void;
 type Logger = unsafe extern "C" fn(*mut c_void, c_int, *const c_char, *const c_char);
-/// `fmi3Boolean`. What an FMU writes need not be 0 or 1, as a `bool` of Rust must.
+/// `fmi3Boolean`. An FMU may write values other than 0 and 1, which a `bool` of Rust may not have.
 type Boolean = u8;
 
 const FALSE: Boolean = 0;

@@ -116,7 +116,7 @@ fn changed(placed: &Placed, setting: &Setting, refitted: &Setting, half: f64) ->
     Some(Change { number: given.number, from: given.from, to })
 }
 
-/// Returns a value with its interval, given half the interval's length; without an interval if nothing bounds it.
+/// Returns a value with its interval, given half the interval's length; without an interval if it is not bounded.
 fn stated(value: f64, half: f64, unit: String) -> Value {
     Value { value, ci95: half.is_finite().then_some([value - half, value + half]), unit }
 }

@@ -58,7 +58,7 @@ impl Predictor {
     /// Reads sim-with-effect.json.
     ///
     /// # Errors
-    /// [`GapError`] with the file and what is wrong.
+    /// [`GapError`] with the file and the fault.
     pub fn read(path: &Path, library: &Library) -> Result<Self, GapError> {
         let text = std::fs::read_to_string(path).map_err(|source| GapError::Io { file: path.into(), source })?;
         let written: SimulationWithEffects = serde_json::from_str(&text)
@@ -69,7 +69,7 @@ impl Predictor {
     /// Of the contents of such a file. `path` names them in errors.
     ///
     /// # Errors
-    /// [`GapError`] with what is wrong.
+    /// [`GapError`] with the fault.
     pub fn new(written: SimulationWithEffects, library: &Library, path: &Path) -> Result<Self, GapError> {
         let malformed = |message: String| GapError::Malformed { file: path.into(), message };
         let model = Model::from_json(&written.linear, &path.display().to_string())?;
@@ -126,8 +126,8 @@ impl Predictor {
         Ok(Self { model, inputs, t0, noise_rms, fitted, intersample, plant, as_given, actions })
     }
 
-    /// Returns the part of commands (m channels) that is no feedback, by the outputs that were measured with them (p
-    /// channels), as the input of a prediction; `None` if the commands are the input, or references are.
+    /// Returns the part of commands (m channels) that does not come from feedback, by the outputs that were measured
+    /// with them (p channels), as the input of a prediction; `None` if the commands are the input, or references are.
     pub fn without_feedback(&self, commands: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Channels> {
         let controller = self.plant.controller.as_ref().filter(|controller| controller.references.is_empty())?;
         Some(controller.without_feedback(commands, measured))
@@ -188,7 +188,7 @@ impl Predictor {
         self.free_run(&self.driven(u), t0)
     }
 
-    /// Returns the inputs of the model (m channels): in closed loop, the part of the command that is no feedback.
+    /// Returns the inputs of the model (m channels): in closed loop, the part of the command without feedback.
     fn driven(&self, u: &[Vec<f64>]) -> Channels {
         let held = self.intersample.held(u);
         self.plant.controller.as_ref().map_or(held.clone(), |controller| controller.driven_by(&held))

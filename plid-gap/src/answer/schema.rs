@@ -118,7 +118,7 @@ pub struct Explanation {
 /// Where the gap lies.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Where {
-    /// The part of the signal path; `None` for what remains beside the effects.
+    /// The part of the signal path; `None` for what remains after the effects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub side: Option<Side>,
     /// Whether the residual shows this side clearly: places of the other sides explain much less of it.
@@ -296,7 +296,7 @@ pub struct SimulationWithEffects {
     pub linear: serde_json::Value,
     /// Number of modes of `linear`.
     pub modes: usize,
-    /// The same with the effects that change the linear model itself (modal effects). If present, this model is to be
+    /// `linear` with the effects that change the linear model itself (modal effects). If present, this model is to be
     /// simulated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub linear_with_modal_effects: Option<serde_json::Value>,
@@ -309,7 +309,7 @@ pub struct SimulationWithEffects {
     pub controller: Option<serde_json::Value>,
     /// The changes by the refit in words and figures.
     pub refit: Vec<String>,
-    /// What the inputs do between the samples; absent if they keep their values.
+    /// The course of the inputs between the samples; absent if they are held.
     #[serde(default, skip_serializing_if = "Intersample::is_zoh")]
     pub intersample: Intersample,
     /// The effects. Those on commands act in this order, and so do those on outputs.

@@ -37,14 +37,14 @@ pub(crate) fn words(
     words.extend(explained.found.best.effects.iter().flat_map(|placed| of_effect(explained, placed)));
     words.extend(explained.ready.not_of_time.iter().map(|effect| {
         format!(
-            "{effect} was left out: a change that is constant within each record explains them better, so it does not \
-            follow the time."
+            "{effect} was left out: a change between records that is constant within each fits better, so the effect \
+            is not a drift in time."
         )
     }));
     let smaller = smaller(explained, named);
     if !smaller.is_empty() && !named.is_empty() {
         words.push(format!(
-            "The prediction also contains {}: too small beside what remains to be called a cause.",
+            "The prediction also contains {}, whose contribution is too small to be named as a cause.",
             smaller.join(" and ")
         ));
     }
@@ -64,10 +64,10 @@ pub(crate) fn words(
     }));
     words.extend(held_out.map(|held_out| {
         format!(
-            "On the held-out records it gains {} over a refit alone, which is {:.0} standard deviations{}.",
+            "On the held-out records its log likelihood exceeds that of the refit by {} ({:.0} standard deviations){}.",
             likelihood(held_out.gain / 2.0),
             held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
-            if held_out.refutes(judge) { ": too little, which refutes it" } else { "" },
+            if held_out.refutes(judge) { ", too little for it to be accepted" } else { "" },
         )
     }));
     let excess = explained.judged.excess;
@@ -89,8 +89,8 @@ pub(crate) fn smaller(explained: &Explained, named: &[NamedEffect]) -> Vec<Strin
 fn costs(explained: &Explained) -> String {
     let rows = explained.ready.problem.rows() as f64;
     format!(
-        "Squared residual over noise: {:.3} as given, {:.3} after the bounded refit, {:.3} with the best explanation \
-        (1 is noise alone).",
+        "Mean squared residual relative to the noise: {:.3} as given, {:.3} after the bounded refit, {:.3} with the \
+        best explanation (1 = noise only).",
         explained.given_cost / rows,
         explained.refitted.cost / rows,
         explained.found.best.cost / rows
@@ -133,13 +133,13 @@ fn limits(explained: &Explained) -> Vec<String> {
     imperfect.into_iter().chain(unpredicted).chain(refused).collect()
 }
 
-/// States what the noise of driven records and the raw values show.
+/// States the findings from the noise of driven records and from raw values.
 fn of_records(explained: &Explained) -> Vec<String> {
     let ready = &explained.ready;
     let random = explained.level.driven.map(|ratio| {
         format!(
             "The differences between the periods of driven records have {ratio:.2} times the power of the noise in \
-            quiet ones: a random effect acts there."
+            quiet records, so a random effect acts in the driven ones."
         )
     });
     let setting = &ready.problem.setting;
@@ -148,7 +148,7 @@ fn of_records(explained: &Explained) -> Vec<String> {
     let cut = cut.map(|(o, (quantisation, output))| {
         let unit = setting.unit("V", &Place::Output(o));
         format!(
-            "The converter of {output} truncates towards zero: half a step, {:.4} {unit}, was added to its values \
+            "The converter of {output} truncates towards zero. Half a step, {:.4} {unit}, was added to its values \
             before all fits.",
             quantisation.step / 2.0
         )
@@ -160,8 +160,8 @@ fn of_records(explained: &Explained) -> Vec<String> {
 fn of_effect(explained: &Explained, placed: &Placed) -> Vec<String> {
     let at = format!("{} at {}", placed.effect.name(), placed.place.location(&explained.ready.problem.setting.names));
     let entry = explained.found.stages.iter().flatten().find(|e| same(&e.placed, placed));
-    let absorbed =
-        entry.map(|entry| format!("{at}: a refit would absorb {:.0} % of its trace.", 100.0 * entry.absorbed));
+    let share = entry.map(|entry| 100.0 * entry.absorbed);
+    let absorbed = share.map(|share| format!("{at}: a linear refit could absorb {share:.0} % of its response."));
     let caveat = placed.effect.caveat(&placed.parameters).map(|caveat| format!("{at}: {caveat}."));
     absorbed.into_iter().chain(caveat).collect()
 }
@@ -184,5 +184,5 @@ fn nearest_other(explained: &Explained) -> Option<String> {
         format!("is worse by {}", likelihood(worse))
     };
     let other = in_words(&other.effects, &explained.ready.problem.setting.names);
-    Some(format!("The nearest other explanation, {other}, {how}."))
+    Some(format!("The second-best explanation, {other}, {how}."))
 }

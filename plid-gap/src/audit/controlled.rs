@@ -8,8 +8,8 @@ use crate::effects::{Effect, Library, Place, Setting, Side};
 use crate::error::GapError;
 use crate::plant::Plant;
 
-/// Excludes these effects from a case in closed loop. Returns what was left out, in words, and what can be done about
-/// it.
+/// Excludes these effects from a case in closed loop. Returns the excluded effects in words, with advice on how to find
+/// them.
 ///
 /// # Errors
 /// [`GapError::Model`].
@@ -25,7 +25,7 @@ pub fn leave_out(
     let names = outside(model, library, without, &case.config)?;
     let finding = (!names.is_empty()).then(|| {
         format!(
-            "Left out, because a controller is declared and they act inside its loop: {}. To find them, diagnose with \
+            "Not considered, because they act inside the controller's loop: {}. To find them, diagnose with \
             your own simulator of the loop under `[simulator]`, or, if the simulation is stable, with the recorded \
             commands as inputs and without `[controller]`.",
             names.join(", ")

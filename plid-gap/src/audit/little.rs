@@ -43,7 +43,7 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     let short = short(&records, &modes, rate, settings.audit.periods, &mut little.findings);
     let mut leave = |names: Vec<String>, why: String| {
         if !names.is_empty() {
-            little.findings.push(format!("Left out, because {why}: {}.", names.join(", ")));
+            little.findings.push(format!("Not considered, because {why}: {}.", names.join(", ")));
             little.left_out.extend(names);
         }
     };
@@ -64,8 +64,8 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     let names: Vec<String> = left.filter(|name| !little.left_out.contains(name)).collect();
     if !names.is_empty() {
         little.findings.push(format!(
-            "Left out, because their parameters and the {linear} of the linear model exceed the {values} measured \
-            values: {}.",
+            "Not considered, because their parameters and the {linear} of the linear model are at least as many as \
+            the {values} measured values: {}.",
             names.join(", ")
         ));
         little.left_out.extend(names);
@@ -103,7 +103,7 @@ fn no_response(records: &[&Record], m: usize) -> Option<String> {
     })
 }
 
-/// States that no record shows the noise, and what is assumed of it.
+/// States that no record shows the noise, and which noise is assumed.
 fn unknown_noise(case: &Case, model: &Model) -> String {
     let settings = &case.config.settings.prepare;
     let source = if model.noise.sensor_std.is_some() {

@@ -56,14 +56,14 @@ impl Audit {
     /// determined again.
     ///
     /// # Errors
-    /// The same errors as those of the first audit.
+    /// Those of the first audit.
     pub fn without(&self, case: &Case, library: &Library, without: &[String]) -> Result<Self, GapError> {
         look(case, library, without, &self.known.off, Some(self), &mut |_| {})
     }
 }
 
 impl Audit {
-    /// Returns what the inputs are taken to do between the samples.
+    /// Returns the assumed course of the inputs between the samples.
     pub(crate) fn intersample(&self) -> Intersample {
         self.surrogate.as_ref().map_or(Intersample::Zoh, |surrogate| surrogate.intersample)
     }
@@ -148,7 +148,7 @@ fn look(
     Ok(Audit { case, mismatch, known, surrogate })
 }
 
-/// Checks the records alone. Returns warnings. `looks` says whether values at the end of a range are looked for.
+/// Checks the records alone. Returns warnings. `looks` says whether clipping is tested.
 ///
 /// # Errors
 /// [`GapError::Record`], [`GapError::Constant`], [`GapError::TooLittle`].

@@ -304,10 +304,10 @@ fn sentence(wiring: &Wiring, case: &Case, before: f64, after: f64) -> String {
     let config = &case.config;
     let distance = config.settings.audit.unit_distance;
     let mut parts = side(&wiring.outputs, &config.outputs, ["output", "input"], distance, |name, other| {
-        format!("what is recorded as {name} looks like the simulation's {other}")
+        format!("the channel recorded as {name} looks like the simulation's {other}")
     });
     parts.extend(side(&wiring.inputs, &config.inputs, ["input", "output"], distance, |name, other| {
-        format!("the simulation's {name} looks driven by what is recorded as {other}")
+        format!("the simulation's {name} looks driven by the channel recorded as {other}")
     }));
     let seconds = wiring.delay.unsigned_abs() as f64 / config.rate();
     match wiring.delay {
@@ -355,8 +355,8 @@ fn side(
     let alike = scaled.len() == wires.len() && sizes.iter().all(|size| (size / sizes[0] - 1.0).abs() < distance);
     let text = |size: f64| match unit(size, distance) {
         Some((factor, units)) => format!("in other units, {} times the simulation's ({units})", short(factor)),
-        None if size < 1.0 => format!("{} times that of the simulation, as if it had almost no effect", short(size)),
-        None => format!("{} times that of the simulation, as in other units", short(size)),
+        None if size < 1.0 => format!("{} times as large as in the simulation, with almost no response", short(size)),
+        None => format!("{} times as large as in the simulation, perhaps in other units", short(size)),
     };
     if alike {
         either(&mut parts, &text(sizes[0]));

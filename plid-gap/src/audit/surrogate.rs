@@ -46,7 +46,7 @@ pub struct Surrogate {
     pub prior_std: Vec<f64>,
     /// Its error on the records from which it was identified, if that is not noise.
     pub model_error: Option<ModelError>,
-    /// What it takes the inputs to do between the samples.
+    /// The assumed course of the inputs between the samples.
     pub intersample: Intersample,
 }
 
@@ -68,7 +68,7 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, G
     let mut words =
         words(&model, &case.for_simulation, of_simulator, [error, validation_error], &case.config.settings.audit);
     if !intersample.is_zoh() {
-        words += " The inputs are taken to run straight from sample to sample, which fits better than steps.";
+        words += " The inputs are assumed to vary linearly between samples, which fits better than steps.";
     }
     let set_aside = !case.for_simulation.is_empty();
     let free = |plant: &Plant| !of_simulator && (!set_aside || plant.modes.is_empty());
@@ -339,7 +339,7 @@ mod tests {
         );
     }
 
-    /// The real inputs run straight from sample to sample, and the records have their samples.
+    /// The real inputs vary linearly between samples, and the records have their samples.
     #[test]
     fn inputs_that_do_not_step_are_recognised() {
         let mut case = case(&truss(3), &truss(3));

@@ -117,7 +117,7 @@ pub struct RecordConfig {
     /// The state at its start.
     #[serde(default)]
     pub start: StartKind,
-    /// Start in s since the first record began. If absent, the record follows the previous one at once.
+    /// Start in s since the first record began. If absent, the record follows the previous one immediately.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start_s: Option<f64>,
     /// Use of the record: for fitting, held out, or for a missing simulation. If absent, the diagnosis chooses.
@@ -163,7 +163,7 @@ pub enum Use {
     Fit,
     /// It is held out.
     Test,
-    /// The simulation is identified from it, and nothing else is done with it.
+    /// The simulation is identified from it; it has no other use.
     Sim,
 }
 
@@ -203,7 +203,7 @@ impl CaseConfig {
         given.chain(records).map(String::as_str).collect()
     }
 
-    /// Creates a case of channels at a sample rate, with defaults for all else.
+    /// Creates a case of channels at a sample rate, with default values otherwise.
     pub fn new(sample_rate_hz: f64, inputs: Vec<String>, outputs: Vec<String>) -> Self {
         Self {
             sim: None,
@@ -284,7 +284,7 @@ impl CaseConfig {
         problems
     }
 
-    /// Returns what does not go with a controller, as key and reason.
+    /// Returns the keys that cannot be combined with a controller, with reasons.
     fn controller_problems(&self) -> Vec<(&'static str, String)> {
         if self.controller.is_none() {
             return Vec::new();
@@ -350,7 +350,7 @@ impl CaseConfig {
         problems
     }
 
-    /// Returns the decimation ratio: one sample in so many is kept.
+    /// Returns the decimation ratio k: every k-th sample is kept.
     ///
     /// # Errors
     /// If `decimate_to_hz` is not an integer fraction of the rate.

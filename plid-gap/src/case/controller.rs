@@ -1,8 +1,8 @@
 //! A controller that was at work while the records were taken.
 //!
-//! The command of the plant is u = v + K y: v is the part that is no feedback. It is what drives the closed loop, and
-//! it follows from the records: v = K r from the references r, or v = u - K y from recorded commands and outputs. The
-//! simulation is then closed around its own outputs. With v = u - K y that is the recorded command corrected by the
+//! The command of the plant is u = v + K y: v is the part that does not come from feedback. It drives the closed loop,
+//! and it follows from the records: v = K r from the references r, or v = u - K y from recorded commands and outputs.
+//! The simulation is then closed around its own outputs. With v = u - K y that is the recorded command corrected by the
 //! controller's answer to the error of the simulation, u + K (simulated - recorded outputs), for any initial state of
 //! the real controller.
 
@@ -21,7 +21,7 @@ use crate::error::GapError;
 #[serde(deny_unknown_fields)]
 pub struct ControllerConfig {
     /// Its file, a model.json relative to the case. Its outputs are inputs of the simulation; its inputs are outputs of
-    /// the simulation and, beside them, references.
+    /// the simulation and, optionally, references.
     pub model: String,
 }
 
@@ -74,15 +74,16 @@ impl Controller {
         })
     }
 
-    /// Returns the names of what drives the closed loop: the references and the inputs of the plant that the controller
-    /// does not drive; without references, the inputs of the plant, for what is added to the controller's command.
+    /// Returns the names of the signals that drive the closed loop: the references and the inputs of the plant that the
+    /// controller does not drive; without references, the inputs of the plant, for the part that is added to the
+    /// controller's command.
     pub fn drivers(&self) -> Vec<String> {
         let refers = !self.references.is_empty();
         let of_plant = self.inputs.iter().filter(|(_, driven)| !(refers && *driven)).map(|(name, _)| name.clone());
         self.references.iter().cloned().chain(of_plant).collect()
     }
 
-    /// Returns the part of the command that is no feedback (m channels) from the channels of
+    /// Returns the part of the command that does not come from feedback (m channels) from the channels of
     /// [`Controller::drivers`].
     pub fn driven_by(&self, given: &[Vec<f64>]) -> Channels {
         let (references, others) = given.split_at(self.references.len());
@@ -100,7 +101,7 @@ impl Controller {
         combined(u, &self.answer(&self.b, &self.d, y), -1.0)
     }
 
-    /// Returns the plant's inputs (m) by what is no feedback, v (m), and the outputs y (p): u = v + K y.
+    /// Returns the plant's inputs (m) by the part without feedback, v (m), and the outputs y (p): u = v + K y.
     pub fn commands(&self, v: &[Vec<f64>], y: &[Vec<f64>]) -> Channels {
         combined(v, &self.answer(&self.b, &self.d, y), 1.0)
     }
@@ -182,7 +183,8 @@ pub(super) fn read(
     Ok(Some(Arc::new(controller)))
 }
 
-/// Replaces the inputs of a record, which are `inputs` of the case, by the part of the command that is no feedback.
+/// Replaces the inputs of a record, which are `inputs` of the case, by the part of the command that does not come from
+/// feedback.
 ///
 /// # Errors
 /// [`GapError::Record`] if an output that the controller read is missing and the commands were recorded.

@@ -1,4 +1,4 @@
-//! What the inputs do between their samples.
+//! The course of the inputs between their samples.
 
 use crate::case::record::Channels;
 

@@ -36,7 +36,7 @@ pub struct Case {
     /// The simulation, if one is given.
     pub model: Option<Model>,
     /// The controller that was at work, if the case declares one. The inputs of the records are then the part of the
-    /// command that is no feedback.
+    /// command that does not come from feedback.
     pub controller: Option<Arc<Controller>>,
     /// The records in order.
     pub records: Vec<Record>,
@@ -55,7 +55,7 @@ impl Case {
         Self::read_with(path, path.parent().unwrap_or(Path::new(".")))
     }
 
-    /// The same with the records' files in another folder.
+    /// Reads a case whose records' files are in another folder.
     ///
     /// # Errors
     /// [`GapError`] with file, line, channel or key.

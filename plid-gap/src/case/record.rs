@@ -44,7 +44,7 @@ impl Record {
         self.y.first().map_or(0, Vec::len)
     }
 
-    /// Returns some of the samples as a record of their own. It begins in motion, unless it begins where this one does.
+    /// Returns some of the samples as a separate record. It begins in motion, unless it begins where this one does.
     pub fn part(&self, samples: std::ops::Range<usize>, rate: f64) -> Self {
         let cut = |channels: &Channels| channels.iter().map(|x| x[samples.clone()].to_vec()).collect();
         Self {

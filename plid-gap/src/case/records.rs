@@ -90,7 +90,7 @@ fn measured_and_simulated(
     Ok((record, simulated))
 }
 
-/// Returns the excitation of each record of a case whose inputs (m channels each) are at hand, and adds warnings. A
+/// Returns the excitation of each record of a case whose inputs (m channels each) are given, and adds warnings. A
 /// declared period is compared with the inputs; one that is absent is estimated.
 ///
 /// # Errors

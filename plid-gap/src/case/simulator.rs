@@ -32,7 +32,7 @@ pub struct SimulatorConfig {
     pub limits: BTreeMap<String, f64>,
 }
 
-/// What a prediction needs besides the description to start an FMU again.
+/// The data that a prediction needs, in addition to the description, to start an FMU again.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FmuSource {
     /// The file, relative to the case.

@@ -6,7 +6,7 @@
 use crate::case::record::{Channels, Record};
 use crate::settings::CaseSettings;
 
-/// What is held out if the case names nothing.
+/// The part that is held out if the case names none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unnamed {
     /// This record.

@@ -178,7 +178,7 @@ impl<'a> Searched<'a> {
         Some(format!("{what}: repeated without it"))
     }
 
-    /// Returns whether a change over time turns out to be none. It is left out of further passes.
+    /// Returns whether a change over time proves not to be one. It is left out of further passes.
     fn refutes_time(&self, ready: &mut Prepared, refitted: &Refit, say: &mut dyn FnMut(String)) -> bool {
         let Some(found) = not_of_time(&ready.problem, refitted, &self.found.best) else { return false };
         say(format!("{} does not change within the records: repeated without it", found.words));
@@ -269,7 +269,7 @@ struct Judging<'j> {
     /// Sum of squares without effects.
     before: f64,
     level: NoiseLevel,
-    /// What the explanation leaves, if that counts as noise.
+    /// The residual of the explanation, if it counts as noise.
     unpredicted: Option<&'j Unpredicted>,
 }
 

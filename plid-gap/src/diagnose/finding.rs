@@ -57,7 +57,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         let map = |errors: &[_]| locate::map(&problem.records, errors, &ready.noise, rate, settings);
         let after = errors(problem, &explained.fit().eta, &explained.predicting().effects);
         let maps = [map(&locate::errors(problem)), map(&after)];
-        say("evidence beside it".into());
+        say("collecting supporting evidence".into());
         let linear = |record: &Record| run(&judged.plant, &[], record);
         let with = |record: &Record| run(&judged.plant, &judged.actions, record);
         let evidence = Evidence::of(problem, &refitted.plant, &ready.noise, &audit.case.records, linear, with);

@@ -40,7 +40,7 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     diagnose_without(case, library, &[], say)
 }
 
-/// Diagnoses a case with some steps switched off, to see what they contribute.
+/// Diagnoses a case with some steps switched off, to measure their contribution.
 ///
 /// # Errors
 /// [`GapError`].

@@ -71,9 +71,9 @@ impl Command for Delay {
     }
 }
 
-/// Returns the first of these edges for a step after so many parts, and the weights: those of Lagrange's interpolation,
-/// whose moments are exact up to the fifth. With two edges a delay of a tenth of a sample was wrong by 6 %, and with
-/// three edges every delay was up to 1 % too short.
+/// Returns the first of these edges for a step after this number of parts, and the weights: those of Lagrange's
+/// interpolation, whose moments are exact up to the fifth. With two edges a delay of a tenth of a sample was wrong by 6
+/// %, and with three edges every delay was up to 1 % too short.
 fn spread(parts: f64) -> (usize, [f64; EDGES]) {
     let first = (parts.floor() as usize).saturating_sub(EDGES / 2 - 1);
     let at = parts - first as f64;

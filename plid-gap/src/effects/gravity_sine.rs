@@ -1,7 +1,7 @@
 use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
 /// Gravity on an axis that swings: a linear simulation holds the stiffness k of small angles, and the real axis has
-/// k sin(d). The displacement d of the port is an angle in radians, so the law has no scale of its own.
+/// k sin(d). The displacement d of the port is an angle in radians, so the law contains no length scale.
 pub struct GravitySine;
 
 /// Shares of the port's stiffness from which fits start: a small one, whose trace is proportional to it, and all of it,
@@ -9,11 +9,11 @@ pub struct GravitySine;
 const SHARES: [f64; 2] = [0.1, 1.0];
 
 /// Range of k over the static stiffness of the port in the simulation. Gravity is a part of that stiffness, which may
-/// itself be half too small. On a pendulum that stands on its head k is negative; with a loop or a spring that exceeds
+/// itself be half too small. On an inverted pendulum k is negative; with a loop or a spring that exceeds
 /// gravity by a third, a third of its size is left as stiffness. Beyond this range the law only bends another spring.
 const HELD: std::ops::Range<f64> = -3.0..1.5;
 
-/// The largest RMS angle in the linear simulation. Above it, an axis turns over; or the displacement is no angle.
+/// The largest RMS angle in the linear simulation. Above it, an axis turns over; or the displacement is not an angle.
 const TURNS_OVER: f64 = std::f64::consts::PI;
 
 impl Effect for GravitySine {
@@ -64,7 +64,7 @@ impl Effect for GravitySine {
     }
 }
 
-/// What the simulation's spring has too much of: k d - k sin(d).
+/// The excess force of the simulation's spring: k d - k sin(d).
 struct Sine {
     k: f64,
 }

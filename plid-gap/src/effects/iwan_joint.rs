@@ -9,7 +9,7 @@ const ELEMENTS: usize = 64;
 /// beyond it.
 const SLIPS: [f64; 2] = [1.5, 5.0];
 
-/// The same for a given motion, which may be far beyond: nothing but the testing machine limits it.
+/// Such displacements for a prescribed motion, which may be far beyond full slip: only the testing machine limits it.
 const SLIPS_BEYOND: [f64; 2] = [0.01, 0.1];
 
 /// The exponent from which fits start. Those of bolted joints lie between -1 and 0.
@@ -38,7 +38,7 @@ const BESIDE: f64 = 0.5;
 /// k dm (1 + chi) / (2 + chi). With chi = 0 all yield displacements are equally frequent (W. D. Iwan, J. Appl. Mech.
 /// 33, 1966, 893).
 ///
-/// The simulation may hold a share s of the stiffness k of the stuck joint, which is then taken out of it. On a single
+/// The simulation may hold a share s of the stiffness k of the stuck joint, which is then removed from it. On a single
 /// mode and on a structure of a single mode, s is 1 if it is left out: the simulation was identified at a low level, or
 /// has the joint as a spring. At other ports it is 0, and the simulation lacks the joint.
 pub struct IwanJoint;
@@ -116,7 +116,7 @@ impl Effect for IwanJoint {
     }
 }
 
-/// Returns whether the simulation holds the stiffness of a joint at a port if nothing else is said.
+/// Returns whether the simulation contains the stiffness of a joint at a port by default.
 fn holds(setting: &Setting, port: usize) -> bool {
     setting.is_on_a_mode(port) || setting.plant.modes.len() == 1
 }
@@ -251,7 +251,7 @@ mod tests {
         }
     }
 
-    /// A motion backwards and forwards again closes its loop, and goes on where it was left (Masing, 1926).
+    /// A motion backwards and forwards again closes its loop, and continues where it was interrupted (Masing, 1926).
     #[test]
     fn a_loop_closes() {
         let forces = along(-0.3, [1.2, -0.4, 0.7, 0.1, 0.7, -0.4, 1.2].into_iter());
@@ -261,7 +261,7 @@ mod tests {
         assert!((forces[0] - forces[1] - back(1.2, -0.4)).abs() < 0.02);
     }
 
-    /// While it sticks, a joint whose stiffness the simulation holds does nothing.
+    /// While it sticks, a joint whose stiffness the simulation contains has no effect.
     #[test]
     fn a_stuck_joint_that_the_simulation_holds_has_no_force() {
         let joint = Sliders::new(3.0, 2.0, 0.0, 1.0);

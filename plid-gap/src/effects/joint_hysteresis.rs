@@ -6,7 +6,7 @@ const MOST_SKEWED: f64 = 3.0;
 
 /// A joint that slips: an elastic element in series with friction (Bouc-Wen with n = 1).
 ///
-/// With two parameters it yields as it is loaded and is elastic as it is unloaded (h = 1). With three, h says how the
+/// With two parameters it yields on loading and is elastic on unloading (h = 1). With three, h says how the
 /// two differ: with h = 0 it is the model of Dahl, and below -1 its loops stiffen (Y.-K. Wen, J. Eng. Mech. Div. ASCE
 /// 102, 1976).
 ///

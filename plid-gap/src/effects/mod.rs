@@ -180,7 +180,7 @@ pub struct Parameter {
     pub unit: String,
     /// Its range.
     pub range: Range,
-    /// Whether it may be left out, with those behind it: the equation then has a value of its own.
+    /// Whether it may be left out, together with later ones; the equation then uses a default.
     pub optional: bool,
 }
 
@@ -273,7 +273,7 @@ pub trait Effect: Send + Sync {
     }
 
     /// Returns the family to which it belongs: effects of one kind that records often cannot tell apart at one place,
-    /// such as laws of dry friction. An answer states the probability of the family beside that of the effect.
+    /// such as laws of dry friction. An answer states the probability of the family as well as that of the effect.
     fn family(&self) -> Option<&'static str> {
         None
     }
@@ -302,8 +302,8 @@ pub trait Effect: Send + Sync {
         Vec::new()
     }
 
-    /// Returns whether the parameters still mean what the name says. A hysteresis that never yields is a gain, and a
-    /// gap that never closes is no effect.
+    /// Returns whether the parameters are within the meaning of the name. A hysteresis that never yields is a gain, and
+    /// a gap that never closes does not act.
     fn sound(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> bool {
         true
     }

@@ -119,13 +119,13 @@ impl Setting {
         if exact { self.joints().into_iter().filter(may_act).collect() } else { Vec::new() }
     }
 
-    /// Returns the locations of [`Setting::loads`] that a force accelerates at once. A force that passes the lag of an
-    /// actuator first accelerates nothing at once.
+    /// Returns the locations of [`Setting::loads`] that a force accelerates immediately. A force that passes the lag of
+    /// an actuator first accelerates nothing at once.
     pub fn inertias(&self) -> Vec<Place> {
         self.loads().into_iter().filter(|place| self.plant.mobility(self.port(place)) > 0.0).collect()
     }
 
-    /// Returns sizes of a linear force from which fits start: shares of what the port has itself, or of `other` if it
+    /// Returns sizes of a linear force from which fits start: shares of the port's own value, or of `other` if it
     /// has nothing; and for each resonance that shows elsewhere, the size that moves the nearest mode there. `by` gives
     /// the share for a frequency that is multiplied by a factor, if the force moves frequencies.
     pub(super) fn load_starts(&self, own: f64, other: f64, by: Option<fn(f64) -> f64>) -> Vec<Vec<f64>> {

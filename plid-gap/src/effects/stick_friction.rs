@@ -1,6 +1,6 @@
 use super::{Action, Effect, Force, Parameter, Place, Range, Setting, Side};
 
-/// Dry friction that sticks: while a port stands still, it is held up to a force that is larger than that of sliding
+/// Dry friction that sticks: while a port is at rest, it is held up to a force that is larger than that of sliding
 /// (Stribeck).
 pub struct StickFriction;
 

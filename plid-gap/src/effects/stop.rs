@@ -1,4 +1,4 @@
-//! What stops on both sides and on one side have in common.
+//! The common part of stops on one side and on both sides.
 
 use super::{Force, Parameter, Place, Range, Setting};
 

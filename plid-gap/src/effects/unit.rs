@@ -8,7 +8,7 @@ pub(super) struct Unit(Vec<(String, i32)>);
 
 impl Unit {
     /// Reads a unit such as "m/s^2", "N*m", "N m/(rad/s)" or "m/s2". A slash divides by the next factor only. A text
-    /// that is no such product counts as one symbol.
+    /// that is not such a product counts as one symbol.
     pub fn read(text: &str) -> Self {
         let letters: Vec<char> = text.trim().chars().collect();
         let mut reader = Reader { letters: &letters, at: 0 };

@@ -16,7 +16,7 @@ pub struct Units {
     pub outputs: Vec<Option<String>>,
     /// Units of force and displacement at each port, as a simulator states them.
     pub ports: Vec<[Option<String>; 2]>,
-    /// What is said of a channel without a unit; V if this is empty.
+    /// The unit of a channel without a declared unit; V if this is empty.
     pub unknown: Option<&'static str>,
 }
 
@@ -196,7 +196,7 @@ mod tests {
         assert_eq!(setting.unit("force", &Place::Input(1)), "N");
     }
 
-    /// A port of the simulation has units of its own, unless its force or its motion is that of a channel.
+    /// A port of the simulation has its own units, unless its force or its motion is that of a channel.
     #[test]
     fn a_port_of_the_simulation_keeps_the_names_of_what_it_does_not_state() {
         let own = setting(&truss(1), &[], "m/s^2");

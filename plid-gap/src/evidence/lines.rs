@@ -38,7 +38,7 @@ pub struct Line {
     /// RMS of the periodic part, in the output's unit. For a line that the input leaves out it is that of the residual
     /// of the linear simulation, which contains the same transient.
     pub measured: f64,
-    /// The same for the simulation with the effects that were found.
+    /// `measured` for the simulation with the effects that were found.
     pub simulated: f64,
     /// RMS of the noise in `measured`, from the differences between periods, averaged over neighbouring lines.
     pub noise: f64,
@@ -60,7 +60,7 @@ pub struct Lines {
 pub struct Answer {
     /// RMS of a line beyond the noise over that of a line of the input, averaged over the outputs.
     pub share: f64,
-    /// The same for the simulation with the effects that were found.
+    /// `share` for the simulation with the effects that were found.
     pub simulated: f64,
     /// Whether it exceeds the noise by more than chance.
     pub clear: bool,

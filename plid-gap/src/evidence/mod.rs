@@ -49,7 +49,7 @@ impl Evidence {
         }
     }
 
-    /// States in sentences whatever is significant. `found` says whether the simulation has effects to compare with.
+    /// Returns sentences about significant findings. `found` says whether the simulation has effects to compare with.
     pub fn words(&self, plant: &Plant, found: bool, settings: &GapSettings) -> impl Iterator<Item = String> {
         let resonances = resonances::words(&self.resonances, plant, settings);
         let lines = self.lines.as_ref().and_then(|lines| lines.words(found, &settings.evidence));

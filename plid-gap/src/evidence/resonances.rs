@@ -118,7 +118,7 @@ pub fn words(alone: &[Alone], plant: &Plant, settings: &GapSettings) -> Option<S
     told.sort_by(|a, b| b.0.total_cmp(&a.0));
     let told: Vec<String> = told.into_iter().take(TOLD).map(|(_, words)| words).collect();
     (!told.is_empty())
-        .then(|| format!("Fitted to one record after the other, a linear model moves {}.", told.join("; ")))
+        .then(|| format!("A linear model that is fitted to each record separately moves {}.", told.join("; ")))
 }
 
 fn points(alone: &[Alone], mode: usize) -> Vec<Point> {

@@ -72,7 +72,7 @@ impl Tracks {
             (0..plant.modes.len()).filter_map(|mode| Some((mode, trend(&self.points(mode), least, settings)?)));
         let (mode, strongest) = trends.max_by(|a, b| a.1.clear.total_cmp(&b.1.clear))?;
         let words = strongest.words(plant.modes[mode].hz(), &settings.evidence)?;
-        Some(format!("An adaptive PLID run follows {words}."))
+        Some(format!("An adaptive PLID run moves {words}."))
     }
 
     /// Returns the resonance of a mode in each record.

@@ -20,8 +20,8 @@ const REST_STEP: f64 = 1e-4;
 /// Relative step of a pole, for differences of the gain of actuators and filters: four of their digits are then right.
 const POLE_STEP: f64 = 1e-4;
 
-/// Relative step of a parameter of a mode in closed loop, for differences of the outputs: small beside any damping
-/// ratio.
+/// Relative step of a parameter of a mode in closed loop, for differences of the outputs: small compared with any
+/// damping ratio.
 const LOOP_STEP: f64 = 1e-5;
 
 /// The derivatives of the outputs of one record.
@@ -275,7 +275,8 @@ impl Nuisance {
 }
 
 impl Nuisance {
-    /// The same in closed loop: the controller answers to each free response, and has a state of its own.
+    /// Adds the derivatives by the initial state in closed loop: the controller responds to each free response, and has
+    /// its own state.
     fn add_start_in_loop(&self, plant: &Plant, index: usize, at: usize, to: &mut Derivatives) {
         let still = vec![vec![0.0; to.samples]; self.m];
         let mut eta = vec![0.0; self.len()];

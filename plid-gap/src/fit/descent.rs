@@ -89,7 +89,7 @@ const REUSED: f64 = 0.005;
 
 /// The source of the derivatives by the linear parameters.
 enum Derivatives<'p> {
-    /// They are given and stay.
+    /// They are given and do not change.
     Given(&'p Jacobian),
     /// They are given, and computed again every few steps if effects move the modes to which they belong.
     Renewed(&'p Jacobian),

@@ -9,7 +9,7 @@ use crate::plant::Plant;
 use crate::simulate::{Fineness, State, simulate};
 
 /// Factor by which an output must exceed its peak in the linear simulation, or in the records if that is larger, for a
-/// run to have diverged. No physical effect does so.
+/// run to have diverged. No physical effect reaches it.
 const OUT_OF_BOUNDS: f64 = 1e3;
 
 /// Returns whether a value of an output belongs to a run that diverges. `peak` is the largest magnitude of this output

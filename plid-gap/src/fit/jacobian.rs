@@ -22,7 +22,7 @@ pub struct Jacobian {
     kept: Kept,
 }
 
-/// What is kept of the derivatives for further products.
+/// The part of the derivatives that is kept for further products.
 #[derive(Clone)]
 enum Kept {
     /// All of them.

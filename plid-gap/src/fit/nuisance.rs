@@ -16,7 +16,7 @@ const INITIAL_STATE_STD: f64 = 3.0;
 /// Median of the absolute value of a standard normal variable.
 const NORMAL_MEDIAN: f64 = 0.6745;
 
-/// What a linear parameter of the simulation changes.
+/// The quantity that a linear parameter of the simulation changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// A frequency, a damping ratio or another number of a pole, the size of its contribution included.
@@ -117,7 +117,7 @@ impl Nuisance {
         self
     }
 
-    /// Removes one of the records. Its initial state remains a parameter that nothing acts on.
+    /// Removes one of the records. Its initial state remains a parameter without influence.
     pub fn forget(&mut self, record: usize) {
         self.starts.remove(record);
     }
@@ -176,7 +176,7 @@ impl Nuisance {
         (index < self.of_modes()).then(|| (index / self.each(), index % self.each()))
     }
 
-    /// Returns what an entry changes; `None` for initial states.
+    /// Returns the quantity that an entry changes; `None` for initial states.
     pub fn part(&self, index: usize) -> Option<Part> {
         if let Some((_, part)) = self.entry(index) {
             return Some(match part {

@@ -93,7 +93,7 @@ mod tests {
         assert!(factor(1.0) < 1.1 && factor(0.5) == 1.0, "{} {}", factor(1.0), factor(0.5));
     }
 
-    /// A prior that determines a parameter leaves nothing to the residuals.
+    /// If a prior determines a parameter, the residuals contribute nothing.
     #[test]
     fn a_prior_keeps_its_word() {
         let residual = random_input(4, ROWS, 1).remove(0).iter().map(|x| 9.0 * x).collect::<Vec<f64>>();

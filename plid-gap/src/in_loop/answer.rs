@@ -64,7 +64,7 @@ pub struct LoopGap {
     pub shrink: f64,
     /// The 95 % interval of `shrink`.
     pub shrink_ci95: [f64; 2],
-    /// The same, with `refit` in place of `as_given`.
+    /// One minus the ratio of `with_effect` to `refit`, both beyond the noise.
     pub shrink_over_refit: f64,
     /// The gap at the highest level that is predicted from the fitted records, before any held-out record is opened.
     pub predicted_held_out_gap: f64,
@@ -219,7 +219,7 @@ pub(super) fn sentence(
             let others = match judged.not_separable.first() {
                 None => String::new(),
                 Some(other) => {
-                    format!(" These records cannot separate it from {}.", in_words(other, &problem.setting.names))
+                    format!(" These records cannot distinguish it from {}.", in_words(other, &problem.setting.names))
                 }
             };
             format!(

@@ -11,8 +11,8 @@ use crate::fit::problem::{Placed, sum_of_squares};
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
 
-/// Step of a difference quotient, in the logarithm of a positive parameter: large beside the rounding of a simulator
-/// with contacts, small beside the curvature of the laws.
+/// Step of a difference quotient, in the logarithm of a positive parameter: large compared with the rounding of a
+/// simulator with contacts, small compared with the range over which the laws curve.
 const DIFFERENCE: f64 = 0.01;
 
 /// Longest step of a parameter, in its unit or logarithm. The derivative says little about a value farther away.
@@ -42,7 +42,7 @@ impl<'a> Problem<'a> {
 
     /// Returns the covariance that an answer states. Noise (p standard deviations) averages out over a record. What an
     /// explanation leaves beyond it does not: it is the error of a law or of an integrator, as coherent as the trace of
-    /// a parameter. It is taken to hide a part of its own size in the direction of each parameter.
+    /// a parameter. It is assumed to hide a part of its own size in the direction of each parameter.
     pub fn stated_covariance(&self, runs: &mut Runs, fit: &Fit<'a>, noise: &[f64]) -> Option<DMatrix<f64>> {
         let plain = self.by_noise_alone(noise);
         let at = plain.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());

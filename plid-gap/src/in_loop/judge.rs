@@ -98,7 +98,7 @@ pub(super) fn judge<'a>(
 ) -> Judged<'a> {
     let best = &found.fits[0];
     let within = search.left(problem, &found.refit);
-    // A simulator whose error exceeds the output explains less than zeros do, and is no measure of what is left.
+    // A simulator whose error exceeds the output explains less than zeros do, and does not measure what is left.
     let whole = within.min(1.0);
     let left = if whole > 0.0 { (search.left(problem, best) / whole).min(1.0) } else { 0.0 };
     let named = !best.effects.is_empty();

@@ -176,7 +176,10 @@ fn require_same_channels(case: &Case, description: &Description) -> Result<(), G
     }
     let (rate, own) = (case.config.rate(), description.rate_hz);
     if (rate / own - 1.0).abs() > 1e-6 {
-        return Err(wrong("sample_rate_hz", format!("the records have {rate} Hz, the simulator {own} Hz")));
+        return Err(wrong(
+            "sample_rate_hz",
+            format!("the records are sampled at {rate} Hz, the simulator at {own} Hz"),
+        ));
     }
     Ok(())
 }
@@ -199,7 +202,7 @@ fn limited(mut description: Description, case: &Case) -> Result<Description, Gap
 }
 
 /// # Errors
-/// [`GapError::Record`] if a record does not begin at rest: nobody can set the state of a foreign simulator.
+/// [`GapError::Record`] if a record does not begin at rest: the state of a foreign simulator cannot be set.
 fn require_rest(case: &Case) -> Result<(), GapError> {
     let Some(record) = case.records.iter().find(|record| !record.from_rest) else { return Ok(()) };
     let message = "it begins in motion (start = \"unknown\"), but a simulator in the loop begins at rest".into();

@@ -2,7 +2,7 @@
 
 use crate::case::record::{Channels, Excitation, Record, rms};
 
-/// Share of the band, at its upper end, whose power is taken for noise if nothing else shows the noise.
+/// Share of the band, at its upper end, whose power counts as noise if the noise is not known otherwise.
 const UPPER: f64 = 0.25;
 
 /// The noise of each output, and how it was found.
@@ -48,7 +48,7 @@ pub(super) fn estimate(records: &[Record], given: &[Channels]) -> Noise {
     }
 }
 
-/// Returns the sum of squares of what no command explains, and its degrees of freedom.
+/// Returns the sum of squares of the signal that no command explains, and its degrees of freedom.
 fn quiet(record: &Record, error: &[f64]) -> (f64, f64) {
     match record.excitation {
         Excitation::Zero => {

@@ -98,7 +98,7 @@ impl<'a> Opened<'_, 'a> {
         whereabouts(side, &map, &problem.setting.names.outputs, &case.config.settings.answer)
     }
 
-    /// Returns what remains, on the records on which the gap was measured.
+    /// Returns the remainder on the records on which the gap was measured.
     fn remainder(&self, told: &Told, measured: &Measured) -> Remainder {
         let (found, names) = (told.found, &self.problem.setting.names);
         let (gap, material) = (&measured.gap, self.case.config.material);
@@ -118,7 +118,7 @@ impl<'a> Opened<'_, 'a> {
         }
     }
 
-    /// Returns what the report shows.
+    /// Returns the content of the report.
     fn shown(&self, told: &Told<'_, '_, 'a>, measured: &Measured) -> Shown {
         let Self { problem, .. } = self;
         let (found, names) = (told.found, &problem.setting.names);
@@ -140,7 +140,7 @@ impl<'a> Opened<'_, 'a> {
         }
     }
 
-    /// Returns what a prediction uses.
+    /// Returns the content of the file that a prediction uses.
     pub fn simulation(
         &self,
         found: &Found<'a>,

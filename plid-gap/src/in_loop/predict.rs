@@ -43,7 +43,7 @@ impl LoopPredictor {
     /// Creates a predictor from the contents of a sim-with-effect.json.
     ///
     /// # Errors
-    /// Returns a sentence that says what is wrong with the contents.
+    /// Returns a sentence that states the fault of the contents.
     pub fn new(written: SimulatorWithEffects) -> Result<Self, String> {
         if written.format != FORMAT {
             return Err(format!("the format is {:?}, expected {FORMAT:?}", written.format));

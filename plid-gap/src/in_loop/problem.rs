@@ -25,7 +25,7 @@ pub(super) struct Nuisance<'a> {
     pub std: f64,
     /// Change of the outputs of each record by one standard deviation.
     pub change: Vec<Channels>,
-    /// The same, whitened.
+    /// `change`, whitened.
     pub trace: Vec<f64>,
 }
 

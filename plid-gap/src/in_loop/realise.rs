@@ -184,7 +184,7 @@ impl Trial {
             let (apart, size) = ((apart / samples).sqrt(), rms(seen));
             if apart == 0.0 { 0.0 } else { apart / size }
         };
-        // A run that diverges has a difference that is no number.
+        // The difference of a run that diverges is not a number.
         let worst = apart.iter().zip(&self.seen).map(relative);
         worst.fold(0.0, |worst: f64, one| if one <= worst { worst } else { one })
     }

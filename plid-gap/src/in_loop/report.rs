@@ -26,7 +26,7 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
     let gap = &diagnosis.gap;
     let mut report =
         Report::new("The gap between the simulator and the records").verdict(&diagnosis.sentence).verdict(format!(
-            "Stated from the fitted records: a gap of {} ({} to {} in four of five records). Measured on {}: {}.",
+            "Predicted gap: {} (80 % interval {} to {}). Measured on {}: {}.",
             percent(gap.predicted_held_out_gap),
             percent(gap.predicted_ci80[0]),
             percent(gap.predicted_ci80[1]),
@@ -36,11 +36,11 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
     report = report.warnings(&diagnosis.warnings);
     report = report.heading("The gap before and after").figure(
         bars(&gap_bars(outcome)),
-        format!("The gap on {}. It is relative to the output; each output counts equally.", gap.measured_on.join(", ")),
+        format!("The gap on {}, relative to the output. All outputs have equal weight.", gap.measured_on.join(", ")),
     );
     report = traces_section(report, shown);
-    report = report.heading("What was tried");
-    let mut fits = Table::new("Explanations that were fitted on the simulator, the best first")
+    report = report.heading("The explanations that were tried");
+    let mut fits = Table::new("Explanations that were fitted with the simulator, best first")
         .column("explanation", "")
         .column("left beyond the noise", "% of the output");
     for (words, left) in &shown.fits {
@@ -49,10 +49,10 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
     report = report.table(fits);
     report = parameters(report, outcome);
     for (stage, entries) in shown.screens.iter().enumerate() {
-        let mut table = Table::new(format!("The best entries of screen {}", stage + 1))
+        let mut table = Table::new(format!("Best entries of screen {}", stage + 1))
             .column("effect", "")
             .column("location", "")
-            .column("share of the squared gap that its trace explains", "%");
+            .column("share of the squared gap that it explains", "%");
         for (effect, location, share) in entries {
             table = table.row([effect.as_str().into(), location.as_str().into(), Cell::significant(100.0 * share, 3)]);
         }
@@ -61,13 +61,13 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
     let used = &diagnosis.simulator;
     report
         .paragraph(format!(
-            "The simulator, {}, was run {} times on one record each, {:.1} s in all.{}",
+            "The simulator, {}, was run {} times (one record per run), {:.1} s in total.{}",
             used.name,
             used.runs,
             used.seconds,
-            if used.cut_short { " The bound on the runs ended the search early." } else { "" }
+            if used.cut_short { " The search ended early, at the limit on runs." } else { "" }
         ))
-        .listing("The case, every default filled in:", to_toml(&case.config))
+        .listing("The case, with all default values:", to_toml(&case.config))
         .provenance("plid", env!("CARGO_PKG_VERSION"))
         .provenance("simulator", &simulation.simulator.name)
 }
@@ -113,9 +113,9 @@ fn traces_section(mut report: Report, shown: &Shown) -> Report {
     report
 }
 
-/// Adds the table of what is named.
+/// Adds the table of named effects and parameters.
 fn parameters(report: Report, outcome: &LoopOutcome) -> Report {
-    let mut table = Table::new("What is named, with 95 % intervals")
+    let mut table = Table::new("Named effects and parameters, with 95 % intervals")
         .column("effect", "")
         .column("location", "")
         .column("sure", "%")

@@ -11,7 +11,7 @@ use crate::plant::Load;
 /// Number of latest runs that are kept for reuse.
 const REMEMBERED: usize = 256;
 
-/// The simulator, with what is known of its ports and its latest runs.
+/// The simulator, with the known facts about its ports and its latest runs.
 pub(super) struct Runs<'s> {
     simulator: Checked<'s>,
     responses: Vec<Response>,
@@ -35,7 +35,7 @@ struct Remembered {
 /// Name, location and parameters of an effect that reaches the simulator.
 type Written = (String, String, Vec<f64>);
 
-/// What acts at the simulator's ports in one run.
+/// The actions at the simulator's ports in one run.
 #[derive(Default)]
 struct AtPorts<'a> {
     laws: Vec<(usize, &'a dyn Force)>,
@@ -248,7 +248,7 @@ impl<'s> Runs<'s> {
         self.remembered.iter().find(same).map(|known| known.y.clone())
     }
 
-    /// Collects what the effects do in a run.
+    /// Collects the actions of the effects in a run.
     fn prepared<'p>(&self, acting: &'p Acting, record: &'p Record, rate: f64) -> Prepared<'p> {
         let mut values = self.description().values();
         let mut drive = Drive::new(&record.u, rate, record.start_s);

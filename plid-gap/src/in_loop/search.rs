@@ -1,5 +1,5 @@
-//! The search: effects are screened, the best entries are fitted on the simulator and weighted anew by the residual of
-//! the best one, and a second effect is searched for in its presence.
+//! The search: effects are screened, the best entries are fitted with the simulator and weighted again by the residual
+//! of the best one, and a second effect is searched for in its presence.
 
 use crate::case::record::Channels;
 use crate::effects::Effect;
@@ -264,7 +264,7 @@ impl<'a> Search<'_, 'a> {
         fits
     }
 
-    /// Runs an entry in three sizes beside other effects, and returns the best explanation.
+    /// Runs an entry in three sizes together with other effects, and returns the best explanation.
     pub(super) fn sized(
         &self,
         quick: &Problem<'a>,

@@ -91,7 +91,7 @@ pub(super) fn survey(
     Ok(Survey { setting, responses, start })
 }
 
-/// What is said of a channel for which neither the case nor the simulator states a unit.
+/// The unit of a channel for which neither the case nor the simulator states one.
 const AS_RECORDED: &str = "as recorded";
 
 /// Returns the units that the case declares, or else the simulator.
@@ -105,7 +105,7 @@ pub(super) fn units(description: &Description, config: &CaseConfig) -> Units {
     }
 }
 
-/// Returns the channels, places and parameters of a simulator without any sizes: what a prediction needs.
+/// Returns the channels, places and parameters of a simulator without any sizes, for a prediction.
 pub(super) fn bare(description: &Description, responses: &[Response]) -> Result<Setting, GapError> {
     let mobilities: Vec<f64> = responses.iter().map(|response| response.mobility).collect();
     let step = responses.first().map_or(1.0, |response| response.step);
@@ -133,8 +133,8 @@ fn of_records(setting: &mut Setting, records: &[Record], loudest: &Record) {
     setting.duration_s = end;
 }
 
-/// Returns a model that has the simulator's channels, and a free mass at each port: what effects ask of a plant when
-/// they choose their places and starts.
+/// Returns a model that has the simulator's channels, and a free mass at each port: the properties that effects need of
+/// a plant when they choose their places and starts.
 fn stand_in(description: &Description, mobilities: &[f64], step: f64) -> Model {
     let (m, p, ports) = (description.inputs.len(), description.outputs.len(), description.ports.len());
     // One state that nothing drives, because a model has at least one.

@@ -134,7 +134,7 @@ fn what_does_not_fit_the_simulator_is_refused() {
     assert!(limit.contains("no parameter `sprnig`; did you mean `spring`"), "{limit}");
 }
 
-/// A parameter within its limit is no cause; the same error without a limit is one.
+/// A parameter within its limit is not a cause; the same error without a limit is one.
 #[test]
 fn a_parameter_within_its_limit_is_no_cause() {
     let numbers = Numbers { damper: 1.08 * NOMINAL.damper, ..NOMINAL };

@@ -36,7 +36,7 @@ pub(super) struct Experiment {
     /// The inputs.
     pub u: Channels,
     pub excitation: Excitation,
-    /// What to record, without the length.
+    /// The record to take, in words without its length.
     pub words: String,
     /// The port at which there is one more sensor.
     pub sensor: Option<usize>,
@@ -47,7 +47,7 @@ impl Experiment {
         Self { u, excitation: Excitation::Random, words, sensor: None }
     }
 
-    /// Returns the same with one more sensor.
+    /// Returns this experiment with one more sensor.
     pub fn with_sensor(&self, port: usize, name: &str) -> Self {
         let words = format!("{}, with one more sensor at port:{name}", self.words);
         Self { sensor: Some(port), words, ..self.clone() }
@@ -132,7 +132,7 @@ fn multisine(levels: &[f64], [from, to]: [f64; 2], rate: f64, samples: usize) ->
 }
 
 /// Returns a linear sweep over a band for each input, with these RMS values; upwards for every other input and
-/// downwards for the rest, so that the responses to two inputs are told apart.
+/// downwards for the rest, so that the responses to two inputs can be separated.
 fn chirp(levels: &[f64], [from, to]: [f64; 2], rate: f64, samples: usize) -> Channels {
     let duration = samples as f64 / rate;
     let one = |(i, level): (usize, &f64)| {

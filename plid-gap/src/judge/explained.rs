@@ -26,7 +26,7 @@ pub struct Explained<'a> {
     pub found: Search<'a>,
     /// The best explanation with the shape of one effect set free, if its own shape does not suffice.
     pub free_shape: Option<FreeShapeFit<'a>>,
-    /// Offsets of the outputs beside it, in an imperfect simulation: part of the prediction and not of the explanation.
+    /// Offsets of the outputs of an imperfect simulation: part of the prediction, but not of the explanation.
     pub offsets: Vec<Placed<'a>>,
     /// The adequacy of the best explanation.
     pub judged: Adequacy,

@@ -23,7 +23,7 @@ impl Family {
         Some(Self { name, confidence: weighted.iter().filter(has).map(|w| w.probability).sum() })
     }
 
-    /// Returns the family with its confidence multiplied by the probability that the effect is no imitation.
+    /// Returns the family with its confidence multiplied by the probability that the effect is not an imitation.
     pub(crate) fn imitated(self, factor: f64) -> Self {
         Self { confidence: self.confidence * factor, ..self }
     }

@@ -3,7 +3,7 @@
 //! With r0 and r1 the whitened residuals of refit and explanation, the gain |r0|^2 - |r1|^2 (twice the log likelihood
 //! ratio) has the mean -delta^2 if the refit is right and +delta^2 if the explanation is. Its standard deviation is
 //! 2 delta in both cases, where delta is the norm of r0 - r1. This also holds for an effect that acts at a few instants
-//! only, for which the scatter between blocks of the record says nothing.
+//! only, for which the scatter between blocks of the record is not informative.
 
 use crate::case::record::Record;
 use crate::effects::Action;

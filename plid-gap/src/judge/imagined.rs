@@ -12,12 +12,12 @@ use crate::noise::NoiseModel;
 use crate::noise::whiten::Whitener;
 use crate::simulate::{Fineness, simulate};
 
-/// What an experiment is expected to tell between the best explanation and a rival.
+/// Expected log likelihood ratio of an experiment between the best explanation and a rival.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Separation {
     /// The expected log likelihood ratio.
     By(f64),
-    /// The free run of the rival diverges, so nobody knows what it would measure.
+    /// The free run of the rival diverges, so the outcome cannot be predicted.
     Diverges,
 }
 
@@ -28,7 +28,7 @@ pub(super) struct Imagined {
     peaks: Vec<f64>,
 }
 
-/// Returns what would be measured in an experiment if the best explanation were true; `None` if its free run diverges.
+/// Returns the expected measurement in an experiment if the best explanation is true; `None` if its free run diverges.
 pub(super) fn imagined(problem: &Problem, noise: &NoiseModel, best: &Fit, experiment: &Experiment) -> Option<Imagined> {
     let given = match experiment.sensor {
         Some(port) => problem.plant.with_sensor(port),
@@ -116,7 +116,7 @@ pub(super) fn known(problem: &Problem, fit: &Fit) -> Option<DMatrix<f64>> {
 
 impl Imagined {
     /// Returns how well the experiment separates a rival from the best explanation. `of` has the linear parameters of
-    /// the records, and `known` what they tell about the rival's parameters.
+    /// the records, and `known` their information on the rival's parameters.
     pub fn separation(&self, of: &Nuisance, rival: &Fit, known: &DMatrix<f64>) -> Separation {
         let problem = &self.problem;
         let eta = carried(of, &problem.nuisance, &rival.eta);
@@ -139,7 +139,7 @@ impl Imagined {
         if gain.is_finite() { Separation::By(gain.max(0.0)) } else { Separation::Diverges }
     }
 
-    /// Returns what is known of a rival's parameters, and of the shapes of a new output within the usual limits.
+    /// Returns the information on a rival's parameters, and on the shapes of a new output within the usual limits.
     fn prior(&self, of: &Nuisance, known: &DMatrix<f64>) -> DMatrix<f64> {
         let own = &self.problem.nuisance;
         let (before, after) = (of.of_simulation(), own.of_simulation());

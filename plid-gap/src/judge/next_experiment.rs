@@ -62,7 +62,7 @@ struct Asked<'q, 'a> {
     noise: &'q NoiseModel,
     best: &'q Fit<'a>,
     rivals: &'q [Fit<'a>],
-    /// What the records tell about each rival's parameters.
+    /// The information of the records on each rival's parameters.
     known: Vec<Option<DMatrix<f64>>>,
 }
 
@@ -154,12 +154,12 @@ impl<'q, 'a> Asked<'q, 'a> {
         lacking.map(|port| experiment.with_sensor(port, &plant.ports[port].name)).collect()
     }
 
-    /// States the best experiment. `from` says what it separates from what.
+    /// States the best experiment. `from` names the explanations that it distinguishes.
     fn proposal(&self, from: &str) -> String {
         let Some(Judged { gain, experiment }) = self.best() else {
             return format!(
-                "No tested experiment is safe to propose to distinguish {from}: in each, one of these explanations \
-                has a free run without bounds."
+                "No experiment that was tested to distinguish {from} is safe to propose: in each, the free run of one \
+                of these explanations diverges."
             );
         };
         let samples = experiment.u.first().map_or(0, Vec::len);
@@ -193,8 +193,8 @@ fn by_rule(explained: &Explained) -> String {
     }
     if records.iter().all(|r| !matches!(r.excitation, Excitation::Periodic(_))) {
         wanted.push(
-            "a random-phase multisine of odd lines over six periods or more, whose even and left-out lines \
-        show the kind",
+            "a random-phase multisine of odd lines over six periods or more, whose even and omitted lines show the \
+            kind of nonlinearity",
         );
     }
     if records.iter().all(|r| r.excitation != Excitation::Zero) {

@@ -1,8 +1,8 @@
 //! Constant errors that all driven records share.
 //!
 //! The likelihood of an imperfect simulation gives little weight to the frequencies at which the simulation is off.
-//! Zero is often one of them, because sensors have offsets. Such an offset is no cause of the gap, but a prediction is
-//! better with it.
+//! Zero is often one of them, because sensors have offsets. Such an offset is not a cause of the gap, but a prediction
+//! is better with it.
 
 use plid_model::signal::mean;
 

@@ -1,12 +1,12 @@
-//! How much of what an explanation leaves can be predicted from the inputs at all.
+//! How much of the residual of an explanation can be predicted from the inputs at all.
 //!
 //! The residual of a sound simulation is noise: its own past predicts a part of it, and the inputs add nothing to that.
 //! An effect that is missing is a function of the inputs, so with them the residual is predicted better than from its
 //! past alone (Granger, *Econometrica* 37, 1969, 424). Two predictors of the next value are compared by
-//! cross-validation over blocks of the records: a linear one of past residuals, and the same with polynomials of the
-//! inputs and the simulated outputs, as in a polynomial NARX model (Billings, *Nonlinear System Identification*, 2013,
-//! chapter 2). A residual that is sampled much faster than it changes is predicted from its own past, whatever its
-//! cause, so the prediction reaches further ahead there.
+//! cross-validation over blocks of the records: a linear one of past residuals, and one that also has polynomials of
+//! the inputs and the simulated outputs, as in a polynomial NARX model (Billings, *Nonlinear System Identification*,
+//! 2013, chapter 2). A residual that is sampled much faster than it changes is predicted from its own past, whatever
+//! its cause, so the prediction reaches further ahead there.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -68,7 +68,7 @@ impl Predictability {
     }
 }
 
-/// What an explanation leaves, if it counts as noise because the inputs do not predict it.
+/// The residual of an explanation that counts as noise because the inputs do not predict it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unpredicted {
     /// The share of its innovations that the inputs may predict, at the output where that is largest.
@@ -78,7 +78,7 @@ pub struct Unpredicted {
 }
 
 impl Unpredicted {
-    /// Returns what a fit leaves, if the inputs do not predict it and it is not so large that it would have been
+    /// Returns the residual of a fit, if the inputs do not predict it and it is not so large that it would have been
     /// noticed as noise.
     pub fn of(problem: &Problem, fit: &Fit) -> Option<Self> {
         let settings = &problem.settings.judge;
@@ -110,7 +110,7 @@ impl Unpredicted {
     }
 }
 
-/// Returns the predictability of what an explanation leaves of each output in the driven records; `None` if these are
+/// Returns the predictability of the residual of each output in the driven records; `None` if these are
 /// too short.
 fn predictability(problem: &Problem, simulated: &[Channels]) -> Option<Vec<Predictability>> {
     let past = problem.plant.n().clamp(PAST[0], PAST[1]);
@@ -138,14 +138,14 @@ fn of_output(driven: &[Driven], output: usize, past: usize) -> Option<Predictabi
     compared(&alone, &blocks(&rows(step, true), past)?, past + 1)
 }
 
-/// A driven record beside its simulation.
+/// A driven record with its simulation.
 struct Driven<'r> {
     record: &'r Record,
     simulated: &'r Channels,
     residual: Channels,
 }
 
-/// A value of the residual, and what predicts it: past values, a constant, and the polynomials.
+/// A value of the residual, and its regressors: past values, a constant, and the polynomials.
 struct Row {
     value: f64,
     regressors: Vec<f64>,

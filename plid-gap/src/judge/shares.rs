@@ -1,4 +1,4 @@
-//! The share of the gap that each effect of the best explanation closes while the others stay.
+//! The share of the gap that each effect of the best explanation closes while the others are in place.
 
 use crate::case::record::Record;
 use crate::fit::candidate::same;

@@ -51,19 +51,19 @@ pub struct Gap {
     pub with_effect: f64,
     /// Gap of noise alone.
     pub noise_floor: f64,
-    /// 1 - with_effect / as_given, both beyond the floor.
+    /// Shrink: 1 - `with_effect` / `as_given`, both beyond `noise_floor`.
     pub shrink: f64,
     /// Its 95 % interval.
     pub shrink_ci95: [f64; 2],
-    /// The same over the bounded refit.
+    /// Shrink relative to the bounded refit: 1 - `with_effect` / `refit`, both beyond `noise_floor`.
     pub shrink_over_refit: f64,
-    /// Gap of a wrong effect with as many parameters.
+    /// Shrink by a reference effect (a wrong effect with as many parameters), minus that of the bounded refit.
     pub placebo_shrink: f64,
-    /// The effects over the bounded refit, over a linear refit without bounds and, if there is one, over the reference
-    /// effect.
+    /// Shrink by the effects relative to the bounded refit, to a linear refit without bounds and, if there is one, to
+    /// the reference effect.
     #[serde(default)]
     pub shrink_over: Vec<ShrinkOver>,
-    /// Share of what a flexible model closes that the effects close.
+    /// Gap that the effects close, as a share of the gap that a flexible model closes.
     pub share_of_ceiling: f64,
     /// Its 95 % interval.
     #[serde(default)]
@@ -111,7 +111,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let free_blocks = of(&free_refit(quick, limits), &[]);
     let reference_blocks = reference_effect(quick, found).map(|(plant, actions)| of(&plant, &actions));
     let reference_gap = reference_blocks.as_ref().map_or(bounded, Blocks::gap);
-    // A flexible model that is worse than the explanation is no upper bound.
+    // A flexible model that is worse than the explanation is not an upper bound.
     let ceiling_blocks = ceiling(quick, found)
         .map(|(plant, actions)| of(&plant, &actions))
         .filter(|ceiling| ceiling.gap() < with_effect)
@@ -145,8 +145,8 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     }
 }
 
-/// Returns the share of what a flexible model closes that the effects close, from the gaps as given, with the effects
-/// and of the flexible model.
+/// Returns the gap that the effects close over the gap that a flexible model closes, from the gaps as given, with the
+/// effects and of the flexible model.
 fn share_of_ceiling([given, with, most]: [f64; 3], floor: f64) -> f64 {
     let most = gap::shrink(given, most, floor);
     if most > 0.0 { (gap::shrink(given, with, floor) / most).clamp(0.0, 1.0) } else { 1.0 }

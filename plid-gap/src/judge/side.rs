@@ -1,17 +1,17 @@
 //! The part of the signal path in which the gap arises, from the residual itself and not from the name of an effect.
 //!
-//! Each place of the signal path can only leave some residuals. What an actuator does is a function of its command,
-//! sent through the column of its input. What a sensor does is in one output, and is a function of that output. What a
-//! strut does is a function of its motion, sent through its port; and a wrong mode has the shapes of that mode. The
-//! functions are free here: static curves, hysteresis and earlier values (the free shapes of `effects/flexible.rs`),
-//! and factors of the modes' shapes at one input or one output. For each place, the share of the residual that it can
-//! explain beside the bounded refit is computed by linear least squares. With one function of one channel, this share
-//! is a coherence (Bendat and Piersol 2010, 7.3); along the column of an input or of a port, it is the part of rank
-//! one.
+//! Each place of the signal path can only leave some residuals. The error of an actuator is a function of its command,
+//! sent through the column of its input. That of a sensor is in one output, and is a function of that output. The force
+//! of a joint is a function of its motion, sent through its port; and a wrong mode has the shapes of that mode.
+//! The functions are free here: static curves, hysteresis and earlier values (the free shapes of
+//! `effects/flexible.rs`), and factors of the modes' shapes at one input or one output. For each place, the share of
+//! the residual that it can explain in addition to the refit is computed by linear least squares. With one function of
+//! one channel, this share is a coherence (Bendat and Piersol 2010, 7.3); along the column of an input or of a port, it
+//! is the part of rank one.
 //!
 //! A side is clear if one of its places explains most of the residual and all places of the other sides leave much more
-//! of it. In closed loop, what an actuator or a sensor does is answered by the controller, and these functions do not
-//! describe it: only the other places are compared there, and no side is clear.
+//! of it. In closed loop, the controller responds to the errors of actuators and sensors, and these functions do not
+//! describe the result: only the other places are compared there, and no side is clear.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -50,7 +50,7 @@ const STEP: f64 = 1e-2;
 /// Relative addition to the diagonal of the normal matrix, because some columns are nearly equal.
 const RIDGE: f64 = 1e-9;
 
-/// What a place can do: linear parameters without their limits, and runs with small effects.
+/// The possible responses of a place: linear parameters without their limits, and runs with small effects.
 struct Means {
     side: Side,
     place: String,
@@ -123,7 +123,7 @@ fn problem(ready: &Prepared, known: &Known) -> Problem {
     problem
 }
 
-/// Returns what each place can do.
+/// Returns the possible responses of each place.
 fn means(problem: &Problem) -> Vec<Means> {
     let setting = &problem.setting;
     let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
@@ -153,7 +153,7 @@ fn parts(problem: &Problem, part: Part) -> Vec<usize> {
     (0..problem.nuisance.of_simulation()).filter(of).collect()
 }
 
-/// Returns what actuators and sensors can do.
+/// Returns the possible responses of actuators and sensors.
 fn of_channels(problem: &Problem) -> Vec<Means> {
     let setting = &problem.setting;
     let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
@@ -228,7 +228,7 @@ impl<'p> Base<'p> {
         base.cost.is_finite().then_some(base)
     }
 
-    /// Returns by how much a place lowers the misfit, less what chance gives to as many parameters.
+    /// Returns by how much a place lowers the misfit, less the gain by chance with as many parameters.
     fn gain(&self, means: &Means) -> f64 {
         let trace = |placed: &Placed| -> Option<Vec<f64>> {
             let effects = std::slice::from_ref(placed);

@@ -20,7 +20,7 @@ use crate::settings::NoiseSettings;
 use crate::signal::notch;
 use plid_fourier::C;
 
-/// Relative width of the band that stands for what remains of a line whose phase wanders, after the line is removed.
+/// Relative width of the band that represents the remainder of a line with a random phase after its removal.
 const LINE_WIDTH: f64 = 0.003;
 
 /// Power of a constant channel without its mean, over that of the declared noise: rounding.
@@ -190,12 +190,12 @@ impl NoiseModel {
         self.plant.ports.len()
     }
 
-    /// Fits the variances of sensors and modal forces to stretches. The actuator noise stays as declared.
+    /// Fits the variances of sensors and modal forces to stretches. The actuator noise remains as declared.
     pub fn fit(&self, stretches: &[Stretch]) -> Self {
         self.fit_beside(stretches, None)
     }
 
-    /// The same with further sources.
+    /// Fits the variances of sensors, modal forces and further sources to stretches.
     pub fn fit_beside(&self, stretches: &[Stretch], others: impl IntoIterator<Item = Source>) -> Self {
         let modes = (0..self.plant.modes.len()).map(Source::Mode);
         self.fit_with(stretches, &modes.chain(others).collect::<Vec<Source>>(), ROUNDS, 1)

@@ -11,7 +11,7 @@ const SLOW_AND_FAST: [f64; 2] = [1e-3, 0.25];
 ///
 /// It is the port between the input and the collocated output: of the outputs that sense a position or a velocity, or
 /// are declared to sense an acceleration, the one to which the input contributes most. A velocity gives the
-/// displacement only if a spring holds the axis. Otherwise that is no combination of the states.
+/// displacement only if a spring holds the axis. Otherwise the displacement is not a combination of the states.
 ///
 /// Where no output shows a motion, the input itself may be one, and an output the force that it takes: a damper on a
 /// testing machine. `kinds` are the declared kinds of the outputs.
@@ -109,7 +109,7 @@ mod tests {
         Plant::new(&Model::new(1000.0, a, b, c, DMatrix::zeros(1, 1)).unwrap()).unwrap()
     }
 
-    /// The same mass without a spring, of which only the speed is a state.
+    /// That mass without a spring; only its speed is a state.
     fn motor() -> Plant {
         let (a, b) = crate::testing::held(&dmatrix![-1.5], &dmatrix![0.5], 1e-3);
         Plant::new(&Model::new(1000.0, a, b, dmatrix![1.0], DMatrix::zeros(1, 1)).unwrap()).unwrap()

@@ -118,7 +118,7 @@ mod tests {
         CasePort { name: name.into(), input, output }
     }
 
-    /// Where accelerometers stand at the struts, a port of an input and an output is the strut that the simulation
+    /// Where accelerometers are at the struts, a port of an input and an output is the strut that the simulation
     /// declares, behind the actuator and before the filter.
     #[test]
     fn a_port_between_an_input_and_an_output_is_the_declared_strut() {

@@ -1,4 +1,4 @@
-//! The plant in closed loop. Its own modes, poles and ports stay what they are: the controller acts at the samples,
+//! The plant in closed loop. Its own modes, poles and ports do not change: the controller acts at the samples,
 //! where a simulation lets it read the outputs and add to the inputs.
 
 use std::sync::Arc;
@@ -46,8 +46,8 @@ impl Plant {
         (DMatrix::identity(self.p, self.p) - loop_gain).try_inverse()
     }
 
-    /// Returns the response p x m at a frequency, for held inputs; in closed loop, for what is added to the commands of
-    /// the controller.
+    /// Returns the response p x m at a frequency, for held inputs; in closed loop, for the part that is added to the
+    /// commands of the controller.
     pub fn response(&self, hz: f64) -> DMatrix<C> {
         let open = self.open_response(hz);
         self.sensitivity(hz).map_or(open.clone(), |sensitivity| sensitivity * open)

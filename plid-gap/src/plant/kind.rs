@@ -2,7 +2,7 @@
 //!
 //! A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k): a displacement for
 //! k = 0, a velocity for k = 1, an acceleration for k = 2. The order k determines how a changed mode changes the
-//! outputs, and what the modes show of the motion where an actuator acts.
+//! outputs, and the motion of the modes where an actuator acts.
 
 use std::f64::consts::TAU;
 
@@ -54,7 +54,7 @@ pub struct Sensed {
 }
 
 impl Sensed {
-    /// The assumption as long as nothing is known.
+    /// The default assumption.
     pub(super) const ASSUMED: Self = Self { order: 2, source: KindSource::Assumed };
 
     /// Returns the kind that belongs to the order.
@@ -188,10 +188,10 @@ mod tests {
         }
     }
 
-    /// A slow pole beside a mode is no actuator before it, although one input drives all poles: a model identified from
-    /// records of a position, whose slow pole contributes half of the static response.
+    /// A slow pole in a plant with a mode is not taken for an actuator, although one input drives all poles: a model
+    /// identified from records of a position, whose slow pole contributes half of the static response.
     #[test]
-    fn a_slow_pole_beside_a_mode_is_no_lag() {
+    fn a_slow_pole_next_to_a_mode_is_not_a_lag() {
         let (w, slow, rate) = (250.0, 19.0, 750.0);
         let a = nalgebra::dmatrix![0.0, 1.0, 0.0; -w * w, -0.1 * w, 0.0; 0.0, 0.0, -slow];
         let (a, b) = testing::held(&a, &nalgebra::dmatrix![0.0; 1.0; slow / (w * w)], 1.0 / rate);

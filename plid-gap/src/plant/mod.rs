@@ -1,4 +1,4 @@
-//! The simulation in modal form: the structure's pairs of poles one by one, and everything else (actuators, filters) in
+//! The simulation in modal form: the structure's pairs of poles one by one, and the rest (actuators, filters) in
 //! one block.
 //!
 //! In these coordinates, a frequency, damping ratio or shape of one mode can be changed by itself, in whatever
@@ -103,7 +103,8 @@ pub struct NonModal {
     pub continuous: Option<(DMatrix<f64>, DMatrix<f64>)>,
 }
 
-/// A port of internal forces: dz/dt += force f, d = 2 Re(displacement . z) + displacement_rest . x, and likewise v.
+/// A port of internal forces: dz/dt += force f and d = 2 Re(displacement . z) + displacement_rest . x; v has the same
+/// form.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Port {
     /// Its name; that of the input if it was inferred.
@@ -300,7 +301,8 @@ impl Plant {
         }
     }
 
-    /// Removes a spring between the ends of a port that lies on a single mode. The damping force of the mode stays.
+    /// Removes a spring between the ends of a port that lies on a single mode. The damping force of the mode does not
+    /// change.
     pub(crate) fn take_spring(&mut self, port: usize, k: f64) {
         let port = &self.ports[port];
         // In a plant that was read from a file, the forces on the other modes are not zero but rounding errors.
@@ -590,7 +592,7 @@ impl Plant {
         self.product_of(mode, o, i, self.sensed[o].order)
     }
 
-    /// The same for an output that measures a derivative of another order.
+    /// Returns gamma_o beta_i of a mode for an output that measures a derivative of another order.
     fn product_of(&self, mode: &Mode, o: usize, i: usize, order: i32) -> f64 {
         let pole = mode.pole;
         let both = mode.c[o] * mode.b[i] / (self.chain.behind(o, pole) * self.chain.before(i, pole));

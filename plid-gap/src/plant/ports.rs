@@ -10,7 +10,7 @@ pub enum PortSource {
     /// The simulation or the case declares them.
     Declared,
     /// The port of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output
-    /// shapes of equal norm, as if sensors stood near the actuators).
+    /// shapes of equal norm, as if sensors were near the actuators).
     Inferred,
     /// The axis of each input, from the output that shows its motion, because the simulation has no lightly damped
     /// mode.

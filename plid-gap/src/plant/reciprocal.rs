@@ -45,7 +45,7 @@ fn collocated(plant: &Plant, output: usize, input: usize) -> bool {
     residues.iter().all(|residue| residue.arg().abs() < plant.settings.collocated_phase)
 }
 
-/// Returns whether a force at a port changes its velocity at once, and not its displacement, as in any mechanical
+/// Returns whether a force at a port immediately changes its velocity, and not its displacement, as in any mechanical
 /// simulation. A model that was identified from records has some of both.
 fn only_accelerates(plant: &Plant, port: &Port, output: usize, input: usize) -> bool {
     let acceleration = port.at_once(&port.velocity, &port.velocity_rest);

@@ -27,8 +27,8 @@ impl Plant {
         more
     }
 
-    /// Returns whether a sensor at a port would measure what no output shows: the simulation or the case declares the
-    /// port, and no output shows its motion.
+    /// Returns whether a sensor at a port would measure a motion that no output shows: the simulation or the case
+    /// declares the port, and no output shows its motion.
     pub(crate) fn lacks_sensor(&self, port: usize) -> bool {
         matches!(self.ports[port].scale, super::PortScale::Own)
             && self.rest.continuous.is_some()

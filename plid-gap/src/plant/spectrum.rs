@@ -20,7 +20,7 @@ pub enum RestNumber {
     Input(usize),
     /// The gain of an output.
     Output(usize),
-    /// What the rest contributes beside modes.
+    /// Factor on the non-modal contribution to the outputs.
     Contribution,
 }
 
@@ -34,8 +34,8 @@ struct Pole {
 }
 
 /// The poles of the rest with their eigenvectors, for a plant without structural modes. Each pole can be moved by
-/// itself. Beside modes, only the contribution of the whole rest may be off, if it is neither actuators nor filters: a
-/// model that was identified from records has poles that imitate an effect.
+/// itself. If there are modes and neither actuators nor filters, only the contribution of the rest as a whole may be
+/// off, because a model that was identified from records has poles that imitate an effect.
 #[derive(Debug, Clone)]
 pub struct Spectrum {
     poles: Vec<Pole>,
@@ -46,8 +46,8 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// Decomposes the rest of a plant. `None` beside actuators or filters, without a continuous form of the rest, or
-    /// with poles that are too near each other to be moved one by one.
+    /// Decomposes the rest of a plant. `None` if the plant has modes and also actuators or filters, if the rest has no
+    /// continuous form, or if its poles are too near each other to be moved one by one.
     pub fn of(plant: &Plant) -> Option<Self> {
         let rest = &plant.rest;
         if rest.a.nrows() == 0 || rest.continuous.is_none() {
@@ -139,7 +139,7 @@ impl Spectrum {
         (plant.rest, plant.d) = (rest, d);
     }
 
-    /// States for the report what a parameter is and which value it gets.
+    /// Describes a parameter and its new value for the report.
     pub fn words(&self, number: RestNumber, eta: f64, inputs: &[String], outputs: &[String]) -> String {
         let hz = |k: usize| self.poles[k].pole.norm() / std::f64::consts::TAU;
         let factor = eta.exp();
@@ -151,12 +151,12 @@ impl Spectrum {
             }
             RestNumber::Input(i) => format!("gain of {} multiplied by {factor:.4}", inputs[i]),
             RestNumber::Output(o) => format!("gain of {} multiplied by {factor:.4}", outputs[o]),
-            RestNumber::Contribution => format!("response beside the modes multiplied by {:.4}", 1.0 + eta),
+            RestNumber::Contribution => format!("non-modal part of the response multiplied by {:.4}", 1.0 + eta),
         }
     }
 }
 
-/// Multiplies what the rest contributes to the outputs and to the motion of the ports.
+/// Multiplies the contribution of the rest to the outputs and to the motion of the ports.
 fn contribute(plant: &mut Plant, factor: f64) {
     plant.rest.c *= factor;
     plant.d *= factor;
@@ -262,7 +262,7 @@ mod tests {
         assert!(far(&moved, &built) < 1e-5, "{}", far(&moved, &built));
     }
 
-    /// What a slow pole beside a mode contributes can vanish; nothing else changes.
+    /// The contribution of a slow pole to a plant with a mode can vanish; nothing else changes.
     #[test]
     fn a_pole_beside_a_mode_can_lose_its_part() {
         let (w, rate) = (250.0, 750.0);

@@ -451,7 +451,7 @@ fn rounded(
 /// The description of a random force in a band.
 const BAND: &str = "a force acts in a band";
 
-/// Returns the stretches that no command explains: records without input, or else the differences between periods.
+/// Returns the signals that no command explains: records without input, or else the differences between periods.
 fn quiet_stretches(
     plant: &Plant,
     records: &[Record],
@@ -540,7 +540,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     setting.d_range = (0..plant.ports.len()).map(|port| measured_range(plant, port, records)).collect();
     of_ports(&mut setting, loudest);
     setting.missing = missing_modes(plant, records, errors, &settings.signal);
-    // In a record without input, lines stand out most clearly.
+    // Lines are most visible in a record without input.
     let quiet: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation == Excitation::Zero).collect();
     let chosen: Vec<usize> = if quiet.is_empty() { (0..records.len()).collect() } else { quiet };
     let stretch = |k: usize| tones::Stretch { start_s: records[k].start_s, residual: &errors[k] };
@@ -640,7 +640,8 @@ fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
     }
 }
 
-/// The same for a plant without modes, for a port that belongs to no input. One if nothing is driven.
+/// Returns the force at a port that belongs to no input, in a plant without modes, that moves the states as much as the
+/// inputs do; one if nothing is driven.
 fn force_on_rest(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
     let Some((_, b)) = &plant.rest.continuous else { return 1.0 };
     let forced = plant.ports[port].force_rest.norm_squared();

@@ -1,5 +1,5 @@
 //! Lines whose phase wanders: forces at one frequency that no simulation can predict. They are removed from the
-//! residuals, and are estimated from what was removed.
+//! residuals, and are estimated from the removed part.
 
 use nalgebra::{Matrix2, Vector2};
 

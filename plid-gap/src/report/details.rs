@@ -75,7 +75,7 @@ fn family(effect: &NamedEffect) -> String {
 
 fn explanations(report: Report, outcome: &Outcome, case: &Case) -> Report {
     let diagnosis = &outcome.diagnosis;
-    let mut table = Table::new("Every explanation that the data leave open, with its probability.")
+    let mut table = Table::new("All explanations that the data leave open, with their probabilities.")
         .column("explanation", "")
         .column("probability", "%")
         .column("gap with it", "%")
@@ -92,7 +92,7 @@ fn explanations(report: Report, outcome: &Outcome, case: &Case) -> Report {
     }
     let mut report = report.table(table);
     for class in &diagnosis.not_separable {
-        report = report.paragraph(format!("These records cannot separate: {}.", class.join("; ")));
+        report = report.paragraph(format!("These records cannot distinguish: {}.", class.join("; ")));
     }
     for (words, what) in [
         (&case.config.suspects, "Suspected by the engineer, and therefore given a higher prior"),
@@ -113,9 +113,8 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
         return report;
     }
     let mut table = Table::new(format!(
-        "Could these records distinguish them? Differences in log likelihood, if {} is at work. The columns on the \
-         left \
-        are to first order, from the first screen.",
+        "Could these records distinguish them? Differences in log likelihood if {} is the true cause. The left-hand \
+        columns are first-order estimates from the first screen.",
         first.explanation
     ))
     .column("explanation", "")
@@ -153,8 +152,8 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
         one minus the squared cosine is the expected difference in log likelihood, so a cosine of 0.99 hides a cause \
         in a small gap but not in a large one. A rival is therefore fitted to what the first explanation predicts for \
         these records. Where less than {:.0} (odds of 150 : 1) is expected after the fits, the records cannot \
-        distinguish the two, whatever they happened to show. An empty field: the entry was not fitted, or was too far \
-        off to be fitted again.",
+        distinguish the two, whatever difference was found. A field is empty if the entry was not fitted, or was too \
+        poor to be fitted again.",
         outcome.diagnosis.settings.judge.separable
     ))
 }
@@ -166,11 +165,11 @@ fn tracks(report: Report, outcome: &Outcome) -> Report {
         return report;
     }
     let mut table = Table::new(
-        "An adaptive PLID run over the fitted records. It hides a gap in parameters that follow the level or time.",
+        "An adaptive PLID run over the fitted records. A gap shows up as parameters that change with level or time.",
     )
     .column("record", "")
     .column("level, RMS", "")
-    .column("innovations over the noise", "");
+    .column("innovations relative to the noise", "");
     let modes: Vec<usize> =
         (0..passed[0].modes.len()).filter(|&k| passed.iter().filter(|p| p.modes[k].is_some()).count() > 1).collect();
     for &k in modes.iter().take(MODES) {
@@ -206,19 +205,19 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         ("gap as given", gap.as_given),
         ("gap after the bounded refit", gap.refit),
         ("gap after a linear refit without bounds", gap.free_refit),
-        ("gap with all that was found", gap.with_effect),
+        ("gap with all effects", gap.with_effect),
         ("gap of noise alone", gap.noise_floor),
-        ("gap stated before the record was opened", gap.predicted_held_out_gap),
-        ("shrink by a reference effect, over the bounded refit", gap.placebo_shrink),
+        ("predicted gap (before the held-out record was used)", gap.predicted_held_out_gap),
+        ("shrink by a reference effect, minus that of the bounded refit", gap.placebo_shrink),
     ];
     for (name, value) in rows {
         table = table.row([name.into(), figure(value)]);
     }
     let mut shrink = Table::new(
-        "Shrink by all that was found: one minus its gap over the other one, both beyond the noise; 95 % interval by \
-        drawing blocks of the record anew.",
+        "Shrink by all effects: 1 − (gap with effects)/(reference gap), both in excess of the noise, with 95 % \
+        intervals from a block bootstrap.",
     )
-    .column("over", "")
+    .column("relative to", "")
     .column("its gap", "%")
     .column("shrink", "%")
     .column("from", "%")
@@ -247,14 +246,14 @@ fn costs(outcome: &Outcome) -> Table {
     for (name, cell) in [
         ("as given", figure(given)),
         ("after the bounded refit", figure(refit)),
-        ("with all that was found", figure(found)),
-        ("its excess over the noise, in the uncertainty of the noise level", figure(judged.excess)),
+        ("with all effects", figure(found)),
+        ("excess over the noise, in standard deviations of the noise level", figure(judged.excess)),
         ("share of the gap that is left", figure(judged.left)),
         (
             "largest change of a linear parameter, in standard deviations of the stated limits",
             figure(judged.max_prior_z),
         ),
-        ("gain of the best further entry of the screen", gain_cell(judged.next_gain)),
+        ("gain of the best remaining entry of the screen", gain_cell(judged.next_gain)),
         ("probability of something else", figure(judged.unknown)),
     ] {
         costs = costs.row([name.into(), cell]);
@@ -304,9 +303,9 @@ fn stages(report: Report, outcome: &Outcome) -> Report {
     report.details("The screen, stage by stage", |mut report| {
         for (stage, entries) in outcome.shown.stages.iter().enumerate() {
             let mut table = Table::new(format!(
-                "Stage {}: the best entries, before any fit, beside {}.",
+                "Stage {}: best entries before any fit{}.",
                 stage + 1,
-                if stage == 0 { "nothing" } else { "the effects of the stages before it" }
+                if stage == 0 { "" } else { ", with the effects of earlier stages in place" }
             ))
             .column("effect", "")
             .column("place", "")
@@ -328,11 +327,10 @@ fn stages(report: Report, outcome: &Outcome) -> Report {
 
 fn quiet(report: Report, outcome: &Outcome) -> Report {
     let shown = &outcome.shown;
-    let mut noise =
-        Table::new("Outputs: the noise that no command explains, and each output's share of the squared gap as given.")
-            .column("output", "")
-            .column("RMS of the noise", "as recorded")
-            .column("share of the squared gap", "%");
+    let mut noise = Table::new("Noise that no command explains, and share of the initial squared gap, by output.")
+        .column("output", "")
+        .column("RMS of the noise", "as recorded")
+        .column("share of the squared gap", "%");
     let channels = &outcome.diagnosis.place.channels;
     for (name, rms) in shown.outputs.iter().zip(&outcome.simulation.noise_rms) {
         let share = channels.get(name).copied().unwrap_or(f64::NAN);
@@ -342,7 +340,7 @@ fn quiet(report: Report, outcome: &Outcome) -> Report {
     if shown.stochastic.is_empty() {
         return report.paragraph(
             "Quiet records, differences between periods and raw values show no stochastic effect (coarse quantisation, \
-            dropouts, a noisy sensor, a random force in a band).",
+            dropouts, a noisy sensor or a random force in a band).",
         );
     }
     let mut table = Table::new("Stochastic effects, found in quiet records and in raw values.")
@@ -353,7 +351,7 @@ fn quiet(report: Report, outcome: &Outcome) -> Report {
         table = table.row([effect.as_str().into(), location.as_str().into(), gain_cell(*gain)]);
     }
     report.table(table).paragraph(format!(
-        "In the answer from {:.0} on; {} of all explanations is left to something else.",
+        "Effects with a gain of at least {:.0} are in the answer. 'Something else' has a probability of {}.",
         outcome.diagnosis.settings.search.stochastic_gain,
         percent(shown.adequacy.unknown)
     ))

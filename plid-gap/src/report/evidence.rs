@@ -34,32 +34,32 @@ pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report 
                 )
                 .figure(
                     responses.change(outcome),
-                    "The same against the simulation as given at the same level: where the broad lines diverge, the \
-                    structure's response depends on the level; where the dashed lines follow them, so does that of the \
-                    simulation with its effects.",
+                    "These responses relative to those of the simulation as given, at the same level. Where the broad \
+                    lines diverge, the structure's response depends on the level; where the dashed lines follow them, \
+                    the simulation with its effects has the same dependence.",
                 );
             match responses.all_pairs(outcome, case) {
                 Some(svg) => report.details("All pairs at the highest level", |report| {
                     report.figure(
                         svg,
-                        "Columns are inputs, rows are outputs; the strip above is full where the coherence is one.",
+                        "Columns are inputs, rows are outputs; the strip above each plot shows the coherence.",
                     )
                 }),
                 None => report,
             }
         }
         None => report
-            .paragraph("No driven record with all inputs moving is long enough for a frequency response at its level."),
+            .paragraph("No record in which all inputs are excited is long enough to estimate a frequency response."),
     };
     report = evidence_figures::section(report, outcome);
     match screen(outcome) {
         Some(svg) => report.figure(
             svg,
-            "The screen, first stage: by how much the sum of squares of the whitened residual (twice the log \
-            likelihood) would fall with each effect alone, before any fit, and the share of its trace that a linear \
-            refit would absorb. Dark: in the answer.",
+            "First screen: reduction of the sum of squares of the whitened residual (twice the gain in log likelihood) \
+            by each effect alone, before any fit, and the share of its response that a linear refit would absorb. \
+            Effects in the answer are dark.",
         ),
-        None => report.paragraph("No entry of the screen would explain anything of the residual of the bounded refit."),
+        None => report.paragraph("No effect in the screen explains any of the residual after the bounded refit."),
     }
 }
 

@@ -21,11 +21,11 @@ pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
         report = report.figure(
             svg,
             format!(
-                "Resonances record by record, against their mean: a linear model fitted to each record alone, over {}. \
-                Whiskers: two standard deviations. At most {MODES} resonances, those that move most clearly.",
+                "Resonances relative to their mean, from a linear model fitted to each record separately, against {}. \
+                Whiskers: two standard deviations. The {MODES} resonances, at most, that move most clearly.",
                 match along {
                     Along::Level => "the level",
-                    Along::Time => "the time",
+                    Along::Time => "time",
                 }
             ),
         );
@@ -35,7 +35,7 @@ pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
             left_out(lines, outcome),
             format!(
                 "Lines of {} at {}: driven lines, and the residual of the linear simulation at the others. There, a \
-                linear structure shows noise alone; an odd nonlinearity responds at odd lines, an even one at even \
+                linear structure shows only noise; an odd nonlinearity responds at odd lines, an even one at even \
                 lines. Curves: the simulation {}.",
                 lines.record,
                 outcome.shown.outputs[worst(outcome)],

@@ -1,4 +1,4 @@
-//! The statement whether a linear refit would hide the gap. Such a model looks right on these records.
+//! States whether a linear refit would hide the gap, because the refitted model looks right on these records.
 
 use super::words::percent;
 use crate::diagnose::Outcome;
@@ -14,13 +14,13 @@ pub(super) fn sentence(outcome: &Outcome) -> Option<String> {
     let (share, refitted, how) = if bounded > least {
         (bounded, gap.refit, "even within its stated limits")
     } else if free > least {
-        (free, gap.free_refit, "freed from its limits")
+        (free, gap.free_refit, "without limits")
     } else {
         return None;
     };
     let hides = format!(
-        "A linear refit hides most of this gap: the linear simulation alone, refitted {how}, comes down from {} to {} \
-        ({} of the shrink that noise allows)",
+        "A linear refit hides most of this gap: refitting the linear simulation {how} reduces it from {} to {} ({} of \
+        the shrink that noise allows)",
         percent(gap.as_given),
         percent(refitted),
         percent(share)

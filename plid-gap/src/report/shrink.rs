@@ -8,20 +8,20 @@ use crate::diagnose::Outcome;
 use crate::judge::gap::shrink;
 use crate::judge::verdict::Verdict;
 
-/// States below the verdict how far the gap shrinks, and what was predicted.
+/// States below the verdict how far the gap shrinks, and which gap was predicted.
 pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     let gap = &outcome.diagnosis.gap;
     let on = gap.measured_on.join(", ");
     let kind = if held_out(outcome) {
         "held out from all fitting"
     } else {
-        "a fitted record, because nothing could be held \
-        out"
+        "a fitted record, because nothing could be held out"
     };
     let mut sentences = Vec::new();
     if outcome.diagnosis.verdict != Verdict::None {
         sentences.push(format!(
-            "On {on} ({kind}) the gap shrinks by {} (95 % interval {} to {}), over the bounded refit by {}.",
+            "On {on} ({kind}) the gap is reduced by {} (95 % interval {} to {}) relative to the simulation as given, \
+            and by {} relative to the bounded refit.",
             percent(gap.shrink),
             percent(gap.shrink_ci95[0]),
             percent(gap.shrink_ci95[1]),
@@ -30,7 +30,7 @@ pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     }
     if held_out(outcome) {
         sentences.push(format!(
-            "Predicted before opening {on}: a gap of {}; measured: {}.",
+            "Gap on {on}: {} predicted (before it was used), {} measured.",
             percent(gap.predicted_held_out_gap),
             percent(gap.with_effect)
         ));
@@ -83,9 +83,9 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
         String::new()
     } else {
         format!(
-            " The reference effect is a wrong effect with as many parameters; the ceiling model has up to three \
-            effects more, and what was found closes {} of what it closes. The whisker is the 95 % interval of the \
-            shrink.",
+            " The reference effect is a wrong effect with as many parameters. The ceiling model has up to three more \
+            effects; the answer closes {} of the gap that the ceiling model closes. The whisker is the 95 % interval \
+            of the shrink.",
             percent(gap.share_of_ceiling)
         )
     };

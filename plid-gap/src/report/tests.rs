@@ -301,7 +301,7 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "frequency 11.000 -&gt; 11.010 Hz",
         "sensor-noise",
         "higher prior: clearance",
-        "Predicted before opening last.csv: a gap of 2.10\u{a0}%; measured: 2.00\u{a0}%.",
+        "Gap on last.csv: 2.10\u{a0}% predicted (before it was used), 2.00\u{a0}% measured.",
         // The shrink over another model, from and to.
         "the bounded refit",
         "86.00",

@@ -40,7 +40,7 @@ pub(crate) struct Traces<'t> {
     pub outputs: &'t [String],
     /// Measured, as given, and with the effects (p channels each).
     pub y: &'t [Channels; 3],
-    /// What the last of them is.
+    /// Name of the last of them.
     pub with: String,
     /// For each output, frequencies in Hz with the density of the noise; empty if it is not shown.
     pub noise: &'t [Vec<(f64, f64)>],

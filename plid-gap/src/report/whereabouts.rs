@@ -24,27 +24,25 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
         report
             .figure(
                 map(&shown.before, &shown.before.share, shown.outputs.clone()),
-                "Output by band: share of the squared gap of the simulation as given, beyond the noise, in all fitted \
-                records.",
+                "Output by band: share of the squared gap of the simulation as given, in excess of the noise, in all \
+                fitted records.",
             )
             .figure(
                 map(&shown.before, &shown.before.time, stretches(outcome)),
-                "Time by band: the same gap, over equal stretches of the fitted records.",
+                "Time by band: this gap by equal intervals of time in the fitted records.",
             )
             .figure(
                 shares(outcome),
-                "Share of each output, of the bands with most of it, and of each stretch of time. Whiskers: 95 % \
-                intervals by drawing blocks of the records anew.",
+                "Share of the gap by output, by frequency band (largest only) and by time interval. Whiskers: 95 % \
+                intervals from a block bootstrap.",
             )
     } else {
-        report.paragraph("The simulation as given leaves nothing beyond the noise, so there is nothing to map.")
+        report.paragraph("The initial simulation leaves only noise, so no map is shown.")
     };
     report = match levels(outcome) {
         Some(svg) => report.figure(svg, level_caption(outcome)),
-        None => report.paragraph(
-            "The fitted records have one level only, so the dependence of the gap on the level is \
-        unknown.",
-        ),
+        None => report
+            .paragraph("The fitted records have only one level, so the dependence of the gap on the level is unknown."),
     };
     report
 }
@@ -232,18 +230,18 @@ fn level_caption(outcome: &Outcome) -> String {
                 _ => "it hardly changes, as with gains, delays, modes and drifts.",
             }
         }
-        None => "For a slope, the gap exceeds the noise at too few levels, or the levels are too close.".into(),
+        None => "No slope is given: too few levels have a gap above the noise, or the levels are too similar.".into(),
     };
     let after = &outcome.shown.after.levels;
     let clean = after.iter().filter(|l| !(l.gap.value > 0.0)).count();
     let left = if clean > 0 {
-        format!(" Not drawn: {clean} of {} records with nothing beyond the noise {}.", after.len(), with(outcome))
+        format!(" {clean} of {} records are omitted because only noise remains {}.", after.len(), with(outcome))
     } else {
         String::new()
     };
     format!(
-        "Gap beyond the noise against level, one point for each fitted record, with its 95 % interval: random records, \
-        or periodic ones if the random ones have one level. {slope}{left}"
+        "Gap in excess of the noise against level, with 95 % intervals: one point for each fitted random record, or \
+        for each periodic one if the random records have only one level. {slope}{left}"
     )
 }
 
@@ -257,8 +255,11 @@ pub(super) fn after(report: Report, outcome: &Outcome) -> Report {
         report
             .figure(
                 map(&shown.after, &shown.after.share, shown.outputs.clone()),
-                "Output by band: share of the remaining squared gap, beyond the noise.",
+                "Output by band: share of the remaining squared gap, in excess of the noise.",
             )
-            .figure(map(&shown.after, &shown.after.time, stretches(outcome)), "Time by band: the same.")
+            .figure(
+                map(&shown.after, &shown.after.time, stretches(outcome)),
+                "Time by band: share of the remaining squared gap, in excess of the noise.",
+            )
     })
 }

@@ -14,11 +14,11 @@ use plid_file::{Staged, to_json, write_atomic};
 /// It is written last: its presence shows that the other files are complete.
 const DIAGNOSIS: &str = "diagnosis.json";
 
-/// What a prediction reads.
+/// The file that a prediction reads.
 const SIMULATION: &str = "sim-with-effect.json";
 
 /// Writes diagnosis.json, sim-with-effect.json and report.html into a folder. They replace those of an earlier
-/// diagnosis together. If anything fails, the earlier files stay as they were.
+/// diagnosis together. If anything fails, the earlier files are not changed.
 ///
 /// # Errors
 /// [`GapError::NotFinite`] with file and key, before anything is written; [`GapError::Io`] with the file.

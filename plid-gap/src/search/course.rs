@@ -1,9 +1,10 @@
 //! Whether a change over time follows the time.
 //!
 //! Records are often taken at one level after the other. A stiffness that falls with the level then looks like one that
-//! drifts: it is smaller in each record than in the one before. But a drift goes on within each record, and what
-//! depends on the level does not. So an effect that changes with time is fitted once more with a size that is constant
-//! within each record, that of its middle. If this explains the records better, the effect does not follow the time.
+//! drifts: it is smaller in each record than in the one before. But a drift continues within each record, and a change
+//! that depends on the level does not. So an effect that changes with time is fitted once more with a size that is
+//! constant within each record, that of its middle. If this explains the records better, the effect does not follow the
+//! time.
 
 use std::sync::Arc;
 
@@ -154,7 +155,7 @@ mod tests {
         not_of_time(problem, &refitted, &best).map(|found| found.effect)
     }
 
-    /// What goes on within the records stands, and what changes only from one to the next does not.
+    /// A change within the records is accepted as a drift; a change only from one record to the next is not.
     #[test]
     fn a_change_that_is_constant_within_each_record_is_no_drift() {
         let cases: [(&'static dyn Effect, Place); 2] =

@@ -20,7 +20,7 @@ use crate::simulate::Fineness;
 /// Factors tau that are tried.
 const FACTORS: [f64; 10] = [0.25, 0.4, 0.6, 1.0, 1.5, 2.3, 3.5, 5.5, 8.5, 13.0];
 
-/// Degrees of freedom of the prior: a few parameters are off by far more than the others, for reasons of their own.
+/// Degrees of freedom of the prior: a few parameters are off by far more than the others, for other reasons.
 const TAILS: f64 = 3.0;
 
 /// Rounds of the reweighted least squares.
@@ -38,12 +38,12 @@ struct LinearCause<'a> {
     placed: Placed<'a>,
     /// Twice the log likelihood ratio of the linear parameters with and without it.
     gain: f64,
-    /// What the refit has taken of the cause.
+    /// The part of the cause that the refit has absorbed.
     taken: Vec<f64>,
 }
 
 /// Returns fits with the numbers of the simulation that best account for the changes of the linear parameters in a fit;
-/// none if no number does. The derivatives are those at this fit.
+/// empty if no number does. The derivatives are those at this fit.
 pub fn fits<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Scope<'_, 'a>) -> Vec<Fit<'a>> {
     // A few parameters do not imitate another number without leaving a residual.
     if problem.few() {
@@ -105,8 +105,8 @@ fn causes<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Sc
     causes
 }
 
-/// What the records say of the simulation's linear parameters, in standard deviations of their prior. The others, such
-/// as initial states, are eliminated.
+/// The information of the records on the simulation's linear parameters, in standard deviations of their prior. The
+/// others, such as initial states, are eliminated.
 struct Known {
     std: DVector<f64>,
     /// H_so H_oo^-1, with the normal matrix H of the parameters s and the others o.
@@ -245,7 +245,7 @@ mod tests {
         assert!((value - 1.3).abs() < 0.05 && *gain > 20.0 && causes[1].3 < 0.5 * gain, "{causes:?}");
     }
 
-    /// Many small errors are no cause.
+    /// Many small errors are not a cause.
     #[test]
     fn small_errors_everywhere_are_no_cause() {
         let (causes, _) = found(1.0);

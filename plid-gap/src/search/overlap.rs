@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use crate::fit::problem::{Jacobian, Problem, dot};
 use crate::search::screen::{Base, Entry, traces};
 
-/// The similarity of the traces of some effects, after a bounded refit has absorbed what it can of them.
+/// The similarity of the traces of some effects, after a bounded refit has absorbed as much of them as it can.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Overlap {
     /// Share of each trace's energy that the refit absorbs.
@@ -28,7 +28,7 @@ pub fn overlap(problem: &Problem, jacobian: &Jacobian, traces: &[Vec<f64>]) -> O
     left(&jacobian.normal, &cross, traces)
 }
 
-/// The same from the refit's normal matrix and the products of its derivatives with the traces.
+/// Computes the overlap from the refit's normal matrix and the products of its derivatives with the traces.
 fn left(normal: &DMatrix<f64>, cross: &DMatrix<f64>, traces: &[Vec<f64>]) -> Option<Overlap> {
     let count = traces.len();
     let solved = normal.clone().cholesky()?.solve(cross);

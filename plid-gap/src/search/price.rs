@@ -1,4 +1,4 @@
-//! The price of parameters and choices, and what an effect must explain to be accepted.
+//! The price of parameters and choices, and the conditions on which an effect is accepted.
 
 use crate::fit::candidate::Candidate;
 use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};

@@ -8,15 +8,15 @@ use crate::search::stage::SearchStage;
 
 /// The effect that was added last.
 pub(super) struct Latest {
-    /// What it gained.
+    /// Its gain.
     pub gain: f64,
     /// Whether the scales of the ports have changed since.
     pub scaled: bool,
 }
 
 /// Reconsiders the effects with all others in place: the first was chosen while the others were missing. An effect that
-/// gained far more than the latest one stays. The latest one has been compared with its rivals, unless the explanation
-/// has changed since. `gains` are those of the effects.
+/// gained far more than the latest one is kept. The latest one has been compared with its rivals, unless the
+/// explanation has changed since. `gains` are those of the effects.
 pub(super) fn question<'a>(
     problem: &Problem,
     quick: &Problem,
@@ -96,7 +96,7 @@ fn replaced<'a>(
     let there = |placed: &Placed| others.iter().any(|other| same(other, placed)) || !may(placed);
     let without = Fit { effects: others.clone(), ..best.clone() };
     let counts = [settings.fitted / 2, settings.polished / 2];
-    // Windows are no fair comparison: each has an initial state of its own.
+    // Windows do not give a fair comparison, because each has its own initial state.
     let incumbent = (!problem.few()).then_some(&best.effects[place]);
     let searched = SearchStage::new(problem, quick, &without, incumbent, &there, price, counts);
     let (_, fits) = searched.without(problem, quick, &there, price);

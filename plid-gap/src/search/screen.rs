@@ -89,7 +89,7 @@ pub(super) struct Tried<'a> {
     pub scaled: bool,
 }
 
-/// Returns what is tried of an effect at a location: each start of its shape, and several sizes of a bold one.
+/// Returns the trials of an effect at a location: each start of its shape, and several sizes of a bold one.
 fn shapes<'a>(base: &Base, effect: &'a dyn Effect, place: &Place) -> Vec<Tried<'a>> {
     let setting = &base.problem.setting;
     let bold = match *place {
@@ -129,7 +129,7 @@ fn projected(base: &Base, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Projected {
     Projected { cross, solved }
 }
 
-/// Returns an entry from the change of the whitened outputs by what was tried.
+/// Returns an entry from the change of the whitened outputs in a trial.
 fn entry<'a>(
     base: &Base<'_, 'a>,
     factor: &Cholesky<f64, Dyn>,

@@ -140,7 +140,7 @@ fn ranked<'f, 'a>(fits: &'f Numbered<'a>, price: &Price) -> Vec<(usize, &'f Fit<
     best
 }
 
-/// Returns the fit if its cost is finite and its parameters still mean what the effects' names say.
+/// Returns the fit if its cost is finite and its parameters are within the meaning of the effects' names.
 fn whether_sound<'a>(problem: &Problem, fit: Fit<'a>) -> Option<Fit<'a>> {
     (fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).then_some(fit)
 }
@@ -199,12 +199,12 @@ impl<'a> Start<'a> {
     }
 }
 
-/// Returns whether the parameters still mean what the effect's name says.
+/// Returns whether the parameters are within the meaning of the effect's name.
 fn sound(problem: &Problem, placed: &Placed) -> bool {
     placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
 }
 
-/// Fits to whole records what was fitted to the first samples, or only evaluates it there if that step is off.
+/// Repeats a fit to the first samples on whole records, or only evaluates it there if that step is off.
 pub(super) fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
     if !off.contains(&Step::Polishing) {
         return polish(problem, fit);

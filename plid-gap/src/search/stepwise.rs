@@ -187,7 +187,7 @@ fn start<'a>(
     }
     candidates.extend(tried);
     let words = in_words(&top.effects, &problem.setting.names);
-    say(format!("{words} accounts for what the refit has spread over many parameters ({gain:.0})"));
+    say(format!("{words} explains changes that the refit has spread over many parameters ({gain:.0})"));
     Some(top)
 }
 
@@ -240,7 +240,7 @@ fn after<'a>(
 }
 
 /// Fits a further time without the last effect, from where the fit with it ended, and returns the better one of this
-/// and the best explanation. What the linear parameters alone gain on that way is no gain of the effect.
+/// and the best explanation. The gain by the linear parameters alone is not a gain of the effect.
 fn without_last<'a>(
     problem: &Problem,
     best: Fit<'a>,

@@ -22,8 +22,8 @@ pub struct Windows {
 
 impl Windows {
     /// Chooses the windows; `None` if the free runs of the refit follow all records. A simulation with many linear
-    /// parameters has none, because too few windows of so many initial states could be afforded. They would hold too
-    /// little of the records, and effects with a memory, such as delays, would suffer at their ends.
+    /// parameters has none, because too few windows with that many initial states could be afforded. They would hold
+    /// too little of the records, and effects with a memory, such as delays, would suffer at their ends.
     pub fn choose(problem: &Problem, refitted: &Refit) -> Option<Self> {
         let settings = &problem.settings.search;
         if problem.nuisance.of_simulation() > settings.strong_parameters {

@@ -5,7 +5,7 @@ use super::group::group;
 group! {
     /// The sentences of the answer.
     AnswerSettings {
-        /// Remaining gap, over the gap as given, below which what remains is called small.
+        /// Remaining gap, over the gap as given, below which the remainder is called small.
         small_remainder: f64 = 0.1, "1", 0.0..=1.0;
         /// Gap with the effects, over the noise, above which the answer states that a share of the output remains
         /// unexplained.
@@ -14,7 +14,7 @@ group! {
         noise_only: f64 = 1.1, "1", 1.0..=1e6;
         /// Share of the gap that a linear refit must close for the report to say that it hides the gap.
         hidden_by_refit: f64 = 0.5, "1", 0.0..=1.0;
-        /// Share of the gap from which one of the bands with most of it is listed.
+        /// Share of the gap from which a band is listed among those with the largest shares.
         listed_band: f64 = 0.02, "1", 0.0..=1.0;
         /// Slope of the logarithm of the gap over that of the level from which the report says that the gap grows, or
         /// falls, with the level: halfway between a constant gap and one that is proportional to the level.

@@ -13,14 +13,15 @@ group! {
         /// Misfit of a measured input at its period, from noise: shakers and amplifiers have at most this. Shifts whose
         /// misfits differ by less are equally good periods, and the shortest is taken.
         measured_misfit: f64 = 0.01, "1", 0.0..=1.0;
-        /// Misfit from which two stretches of an input have nothing in common. A period is looked for only beyond a
-        /// shift of that misfit, because any slow input resembles itself a few samples later.
+        /// Misfit from which two stretches of an input are unrelated. A period is searched for only beyond a shift of
+        /// that misfit, because any slow input resembles itself a few samples later.
         unrelated_misfit: f64 = 0.5, "1", 0.0..=1.0;
         /// A period whose misfit is below this share of the declared period's misfit replaces it.
         better_misfit: f64 = 0.7, "1", 0.0..=1.0;
         /// Largest relative distance of such a period from the declared one.
         period_distance: f64 = 0.125, "1", 0.0..=1.0;
-        /// Share of a driven record that is held out if the case holds out nothing and no whole record can be spared.
+        /// Share of a driven record that is held out if the case names no held-out record and no whole record can be
+        /// spared.
         held_out_share: f64 = 0.25, "1", 0.0..=0.9;
         /// Level of a record, over the loudest one, from which it may be held out. The gap of a quieter record is that
         /// of its noise.

@@ -17,7 +17,7 @@ group! {
         mostly: f64 = 3.0, "1", 1.0..=1e6;
         /// Share of its prior to which a single record must narrow a frequency for the mode to be visible there.
         frequency_narrowed: f64 = 0.05, "1", 0.0..=1.0;
-        /// The same of a damping ratio.
+        /// Share of its prior to which this record must also narrow the damping ratio of the mode.
         damping_narrowed: f64 = 0.2, "1", 0.0..=1.0;
         /// Records from which the trend of a resonance is stated.
         trend_records: usize = 3, "records", 2.0..=1000.0;
@@ -28,9 +28,9 @@ group! {
         /// Ratio by which a trend with time must be clearer than one with the level to be stated in its place: records
         /// are often taken at rising levels.
         time_over_level: f64 = 1.5, "1", 1.0..=1e6;
-        /// Damping ratio from which a pole of an adaptive model is not a resonance.
+        /// Damping ratio from which a pole of an adaptive model does not count as a resonance.
         tracked_damping: f64 = 0.2, "1", 0.0..=1.0;
-        /// Largest relative distance of a resonance of an adaptive model from the mode that it is taken for.
+        /// Largest relative distance between a mode and the resonance of an adaptive model that is identified with it.
         tracked_distance: f64 = 0.03, "1", 0.0..=1.0;
     }
 }

@@ -11,10 +11,10 @@ group! {
         /// Information about a parameter, over that of its prior, from which the records determine the parameter.
         determined: f64 = 10.0, "1", 1.0..=1e9;
         /// Largest change of a mode's parameter, in standard deviations of its prior, with which a fit is not repeated
-        /// from zero: an effect could gain no more from so small a change than its interval says.
+        /// from zero: from so small a change an effect could gain no more than its interval allows.
         repeated_from: f64 = 1.0, "std", 0.0..=1e6;
-        /// Largest leverage of a residual. A residual that determines a parameter alone says nothing about its own
-        /// noise.
+        /// Largest leverage of a residual. A residual that alone determines a parameter contains no information about
+        /// its own noise.
         most_leverage: f64 = 0.9, "1", 0.0..=0.999;
     }
 }

@@ -8,8 +8,8 @@ group! {
         /// Largest number of runs of the simulator, on one record each. The answer states whether the limit ended the
         /// search early. The drawn MuJoCo cases took 246 runs in the median with one cause, and up to 668 with two.
         calls: usize = 1000, "1", 10.0..=1e9;
-        /// Number of runs that go side by side, if the simulator allows it. A program is started that many times. The
-        /// answer does not depend on it. The default is one because a program may hold a licence or a file.
+        /// Number of runs in parallel, if the simulator allows it. A program is started that many times. The answer
+        /// does not depend on it. The default is one because a program may hold a licence or a file.
         side_by_side: usize = 1, "1", 1.0..=1e3;
         /// Largest number of states of a linear model that may take the simulator's place: a simulator that is linear
         /// and has no parameters is diagnosed as a model.json is. Zero keeps every simulator in the loop. The time of
@@ -50,11 +50,11 @@ group! {
         /// replaced in turn by all others. The first effect may only imitate a part of both causes, and the pair then
         /// leaves more than a law that is nearly the true one does (`least_of_gap`).
         doubtful: f64 = 0.1, "1", 0.0..=1.0;
-        /// Largest number of effects of an explanation. Each further effect takes a screen and fits of its own, and two
-        /// are the most that the drawn cases contain.
+        /// Largest number of effects of an explanation. Each further effect takes another screen and further fits, and
+        /// two are the most that the drawn cases contain.
         effects: usize = 2, "1", 1.0..=10.0;
-        /// Share of the material gap that a further effect must close, in amplitude. A smaller one may be there, but it
-        /// is also what a foreign integrator's error looks like.
+        /// Share of the material gap that a further effect must close, in amplitude. A smaller one may exist, but the
+        /// error of a foreign integrator looks the same.
         least_material: f64 = 0.5, "1", 0.0..=1.0;
         /// Share of the whole gap that a further effect must close, in amplitude. A law that is nearly the true one
         /// (friction without stick for friction with it) leaves a few hundredths of the gap that it closes.

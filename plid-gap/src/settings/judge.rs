@@ -17,22 +17,23 @@ group! {
         max_prior_z: f64 = 3.8, "std", 0.0..=1e6;
         /// Width of the transition at `max_prior_z`.
         prior_z_width: f64 = 0.3, "std", 1e-6..=1e6;
-        /// Gain of the best further entry of the screen, on the first samples, at which something else is as likely as
-        /// not. Beside a right explanation the best of a hundred entries gains up to 20.
+        /// Gain of the best remaining candidate of the screen, on the first samples, at which something else is as
+        /// likely as not. With the right explanation in place, the best of a hundred other entries still gains up to
+        /// 20.
         next_gain: f64 = 50.0, "2 ln L", 0.0..=1e9;
         /// Width of the transition at `next_gain`.
         next_gain_width: f64 = 8.0, "2 ln L", 1e-6..=1e9;
         /// Differences in twice the log likelihood over which probability is spread. The textbook's value is 2; it is
         /// doubled because the noise model is estimated.
         temperature: f64 = 4.0, "2 ln L", 1e-3..=1e9;
-        /// Addition to `temperature`, as a share of what the best explanation leaves beyond twice the uncertainty of
-        /// the noise level. Differences between inadequate models mean little.
+        /// Addition to `temperature`, as a share of the misfit of the best explanation beyond twice the uncertainty of
+        /// the noise level. Differences between inadequate models are not significant.
         misfit_temperature: f64 = 0.05, "1", 0.0..=1e3;
         /// Probability of something else where only a free shape is adequate. Of 52 such answers in development 49 were
         /// right, fewer where more causes lie outside the vocabulary; 0.2 counts as kept open.
         shape_differs: f64 = 0.21, "1", 0.0..=1.0;
-        /// Probability of something else if effects explain next to nothing. Of 34 blind cases whose effects explained
-        /// less than half the power of the noise and were stated with 0.9 or more, 29 were right; of 224 in which they
+        /// Probability of something else if effects explain very little. Of 34 blind cases whose effects explained less
+        /// than half the power of the noise and were stated with 0.9 or more, 29 were right; of 224 in which they
         /// explained more than the noise, 218.
         faint: f64 = 0.15, "1", 0.0..=1.0;
         /// Explained power, over that of the noise, at which half of `faint` is left.
@@ -40,18 +41,18 @@ group! {
         /// Probability of something else, in addition, where no record shows the noise level. Of 84 such blind cases
         /// that were stated with 0.9 or more, 70 were right.
         noise_unknown: f64 = 0.09, "1", 0.0..=1.0;
-        /// Share of the innovations of what an explanation leaves that the inputs may predict for it to count as noise,
-        /// where no record shows the noise level. For simulated and measured linear plants with noise of their own the
-        /// inputs predicted at most 0.07; for unmodelled nonlinearities they predicted at least 0.12.
+        /// Share of the innovations of the remainder that the inputs may predict if it is to count as noise, where no
+        /// record shows the noise level. For simulated and measured linear plants with process noise the inputs
+        /// predicted at most 0.07; for unmodelled nonlinearities they predicted at least 0.12.
         noise_predicted: f64 = 0.08, "1", 1e-6..=1.0;
-        /// Largest gap that counts as noise in this way. Larger noise would be known to whoever took the records.
+        /// Largest gap that counts as noise in this way. Larger noise would be known to the engineer.
         most_noise: f64 = 0.3, "1", 0.0..=1e3;
         /// Probability of something else where an effect's parameters are at the limit of what its name means.
         caveat: f64 = 0.21, "1", 0.0..=1.0;
         /// Least probability of something else.
         least_unknown: f64 = 0.02, "1", 0.0..=1.0;
         /// Largest probability of something else, also if held-out records refute the best explanation. In half of the
-        /// blind cases in which nothing in the vocabulary sufficed, the cause was in it all the same, with another
+        /// blind cases in which nothing in the vocabulary sufficed, the cause was nevertheless in it, with another
         /// shape or together with another effect.
         most_unknown: f64 = 0.6, "1", 0.0..=1.0;
         /// Amplitude that an explanation may leave of the gap beyond noise and limits. With imperfect truths the true
@@ -61,7 +62,7 @@ group! {
         /// show there.
         held_out_gain: f64 = 3.0, "std", 0.0..=1e6;
         /// An explanation is expected to show on held-out records if the standard deviation of its gain exceeds this
-        /// multiple of `held_out_gain`: the expected gain is then twice what is required.
+        /// multiple of `held_out_gain`: the expected gain is then twice the required one.
         held_out_power: f64 = 8.0, "1", 0.0..=1e6;
         /// Size of an offset that an explanation leaves, in standard deviations between blocks of the records, from
         /// which the prediction contains it.
@@ -97,8 +98,7 @@ group! {
         /// The effects are written into the simulation if the held-out gap with them is at most this multiple of the
         /// gap without them.
         no_worse: f64 = 1.001, "1", 1.0..=10.0;
-        /// Explanations without bounds on some record that are replaced by the next one before the refit takes their
-        /// place.
+        /// Largest number of diverging explanations that are replaced by the next one; after that the refit is used.
         most_refused: usize = 5, "explanations", 1.0..=100.0;
         /// Explanations for which the next experiment is chosen, in addition to those that the records cannot separate.
         experiment_rivals: usize = 3, "explanations", 0.0..=100.0;
@@ -109,10 +109,10 @@ group! {
         /// Length of the next experiment.
         experiment_samples: usize = 2000, "samples", 64.0..=1e9;
         /// Length of the next experiment over `experiment_samples` if the shorter one is not expected to separate the
-        /// explanations. Beside noise, an expected difference grows at least with the length.
+        /// explanations. Against noise, the expected difference grows at least in proportion to the length.
         experiment_longer: usize = 4, "1", 1.0..=1000.0;
-        /// Factor by which an experiment must separate better than a simpler one to be proposed. An expected figure of
-        /// one drawn signal scatters by a few per cent.
+        /// Factor by which an experiment must separate better than a simpler one to be proposed. The expected figure
+        /// for one drawn signal scatters by a few per cent.
         experiment_better: f64 = 1.1, "1", 1.0..=1e3;
         /// Most experiments that are considered at the greater length, and most to which a sensor is added.
         experiment_best: usize = 3, "experiments", 1.0..=100.0;
@@ -125,7 +125,7 @@ group! {
         /// Least lead of that share over the largest one on any other side. Smaller leads belong to the many small
         /// errors of every simulation.
         side_lead: f64 = 0.05, "1", 0.0..=1.0;
-        /// What the places of other sides leave must be at least this multiple of what the best place leaves.
+        /// Least ratio of the misfit that the places of other sides leave to the misfit that the best place leaves.
         side_ratio: f64 = 2.0, "1", 1.0..=1e3;
         /// Explanations with a smaller probability are not listed.
         least_probability: f64 = 1e-4, "1", 0.0..=1.0;

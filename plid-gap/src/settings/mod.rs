@@ -109,7 +109,7 @@ mod tests {
             for (at, field) in fields.iter().enumerate() {
                 assert!(
                     fields[..at].iter().all(|other| other.key != field.key),
-                    "{group}.{} is there twice",
+                    "{group}.{} is listed twice",
                     field.key
                 );
                 assert!(!field.about.is_empty() && !field.unit.is_empty(), "{group}.{}", field.key);

@@ -5,7 +5,8 @@ use super::group::group;
 group! {
     /// The noise model.
     NoiseSettings {
-        /// Power of a frequency bin over that of the model from which the bin holds a line and no noise: chance e^-16.
+        /// Power of a frequency bin over that of the model from which the bin contains a line rather than noise: chance
+        /// e^-16.
         line_power: f64 = 16.0, "1", 1.0..=1e9;
         /// Least variance of a sensor, over its declared variance: a channel that is constant in a quiet record is
         /// coarse, not free of noise.
@@ -13,8 +14,8 @@ group! {
         /// Factor in frequency about the centre of a force in a band within which bins determine the band: further
         /// away, the shape of its spectrum is unknown.
         band_range: f64 = 1.4, "1", 1.0..=100.0;
-        /// Prior standard deviation of the band's exponent of frequency, about none. A band-pass and a resonator differ
-        /// by one.
+        /// Prior standard deviation of the band's exponent of frequency, with mean zero. A band-pass and a resonator
+        /// differ by one.
         band_slope_std: f64 = 1.0, "1", 1e-6..=1e6;
         /// Relative shift of a band's centre from which a maximum of the likelihood belongs to another band.
         band_shift: f64 = 0.15, "1", 0.0..=1.0;

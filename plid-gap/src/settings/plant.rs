@@ -27,19 +27,19 @@ group! {
         kind_distance: f64 = 0.5, "1", 0.0..=1.0;
         /// Largest ratio of that distance to the distance of the next kind.
         kind_ratio: f64 = 0.5, "1", 0.0..=1.0;
-        /// Largest distance of a response from the derivative of its presumed integral, such as the
-        /// displacement at a port whose velocity is measured. Exact simulations have none, and one that was identified
-        /// from records a little; a motor, whose position is no combination of its states, has nearly one.
+        /// Largest distance of a response from the derivative of its presumed integral, such as the displacement at a
+        /// port whose velocity is measured. It is zero for exact simulations and small for one that was identified from
+        /// records; for a motor, whose position is not a combination of its states, it is nearly one.
         port_distance: f64 = 0.1, "1", 0.0..=1.0;
         /// Largest phase of a mode's residue between a force and the displacement where it acts, which is a positive
         /// number in a structure without damping. A sensor elsewhere sees some mode with the opposite sign.
         collocated_phase: f64 = 0.35, "rad", 0.0..=1.5;
         /// Least ratio of the response to a fast input (a quarter of the sample rate) to that to a slow one (a
-        /// thousandth of it) for the input to be taken for a motion and the output for the force that it takes, where
+        /// thousandth of it) for the input to count as a motion and the output as the force that it requires, where
         /// neither is declared. A spring with friction has a ratio near one, and a damper a much larger one.
         force_rise: f64 = 5.0, "1", 1.0..=1e6;
-        /// Displacement that a force may cause at once, times the lowest mode's frequency, over the velocity that it
-        /// causes. It is zero in an exact simulation and small after the time steps of a simulator. A model that was
+        /// Displacement that a force may cause immediately, times the lowest mode's frequency, over the velocity that
+        /// it causes. It is zero in an exact simulation and small after the time steps of a simulator. A model that was
         /// identified from records may have much more.
         at_once: f64 = 0.1, "1", 0.0..=1e3;
     }

@@ -36,9 +36,9 @@ group! {
         near_line: f64 = 0.04, "1", 0.0..=1.0;
         /// Lowest centre frequency of a random force in a band.
         lowest_band_hz: f64 = 15.0, "Hz", 1e-6..=1e9;
-        /// Share that such a band must explain of what a free force on every mode explains.
+        /// Least share, of what a free force on every mode explains, that such a band must explain.
         band_share: f64 = 0.6, "1", 0.0..=1.0;
-        /// Gain that an own phase in each record must have for a line to have a random phase: two numbers a record gain
+        /// Gain of a separate phase in each record from which a line has a random phase: two parameters per record gain
         /// two each by chance.
         random_phase_gain: f64 = 100.0, "2 ln L", 0.0..=1e9;
         /// Largest share of that gain that one phase for all records may reach.

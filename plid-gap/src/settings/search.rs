@@ -21,11 +21,11 @@ group! {
         replacing_share: f64 = 0.1, "1", 0.0..=1.0;
         /// See `replacing_share`.
         replacing_gain: f64 = 100.0, "2 ln L", 0.0..=1e9;
-        /// An effect is not reconsidered if it gained more than this many times what the latest one gained: the latter
-        /// hardly changes by how much its rivals explain less.
+        /// An effect is not reconsidered if it gained more than this many times the gain of the latest effect: the
+        /// latest effect then hardly changes how much less its rivals explain.
         questioned: f64 = 20.0, "1", 1.0..=1e9;
         /// Leading part of each record that the quick fits use. A third of a record ranks explanations as a whole
-        /// record does, because effects of a few per cent stand out by thousands.
+        /// record does, because effects of a few per cent gain thousands.
         first_samples: usize = 2000, "samples", 64.0..=1e9;
         /// Gap that the bounded refit must leave of some driven record for the search to use windows of the records. A
         /// resonance that has moved by its width leaves about this much.
@@ -69,8 +69,8 @@ group! {
         /// Most such numbers that are fitted.
         absorbed: usize = 3, "effects", 0.0..=100.0;
         /// Least price of an effect that was not accepted, against no effect. In 93 % of 229 blind cases in which
-        /// nothing was named, nothing was missing, or all that was missing was too small to see; a price of 10 stated
-        /// that with 0.80, 15 states it with 0.91.
+        /// nothing was named, nothing was missing, or all that was missing was too small to detect. With a price of 10
+        /// this was stated with 0.80, with 15 it is stated with 0.91.
         not_accepted_price: f64 = 15.0, "2 ln L", 0.0..=1e9;
         /// Share of the power above the noise that a further effect must explain. A true second effect explains nearly
         /// all of it, a wrong one a small part.
@@ -93,7 +93,7 @@ group! {
         most_size: f64 = 3.0, "1", 1.0..=1e6;
         /// Gain that a free shape must have in the quick fits: eight coefficients gain eight by chance.
         shape_gain: f64 = 40.0, "2 ln L", 0.0..=1e9;
-        /// The same on whole records.
+        /// Gain that a free shape must have on whole records.
         shape_gain_whole: f64 = 160.0, "2 ln L", 0.0..=1e9;
         /// Amplitude of the gap beyond noise and limits that an explanation must leave for a free shape to be tried in
         /// addition to an error of the simulation itself.
@@ -101,14 +101,14 @@ group! {
         /// Range on either side over which the curve of a free shape is compared with the laws of the vocabulary, in
         /// RMS of the loudest record.
         curve_range: f64 = 3.0, "RMS", 0.1..=100.0;
-        /// Another law takes the name of a free shape if it leaves less than this share of what the present law leaves
-        /// of the curve.
+        /// A free shape is named after another law if the curve's misfit with that law is below this share of the
+        /// misfit with the present law.
         nearer_law: f64 = 0.7, "1", 0.0..=1.0;
         /// Probability of something else from which a search continues: with the remainder as an error of the
         /// simulation itself, and with effects on single modes.
         inadequate: f64 = 0.35, "1", 0.0..=1.0;
-        /// Gain by which a change that is constant within each record must beat one that follows the time for the
-        /// latter to be left out: odds of three million to one.
+        /// Gain by which a change that is constant within each record must exceed a drift with time for the drift to be
+        /// left out: odds of three million to one.
         by_record_gain: f64 = 30.0, "2 ln L", 0.0..=1e9;
         /// Share of the excess of the bounded refit that must be left for effects on single modes to be tried. A cause
         /// at another place leaves more than the third digit of a shape.
@@ -119,9 +119,10 @@ group! {
         mode_share: f64 = 0.1, "1", 0.0..=1.0;
         /// Half-width of the band about a mode, over its frequency.
         mode_width: f64 = 0.03, "1", 0.0..=1.0;
-        /// Gain that a stochastic effect must have. With a few dozen places to look at, noise alone reaches 12.
+        /// Gain that a stochastic effect must have. With a few dozen places that are tested, noise alone reaches 12.
         stochastic_gain: f64 = 40.0, "2 ln L", 0.0..=1e9;
-        /// Variance of a sensor over what the other sensors suggest from which the sensor counts as noisy.
+        /// Variance of a sensor, over the variance expected from the other sensors, from which the sensor counts as
+        /// noisy.
         noisier: f64 = 1.3, "1", 1.0..=1e6;
         /// Least variance of a sensor, over the declared one, that counts as common to all sensors: about
         /// 1 / `misjudged`^2. One sensor that is even quieter does not make the others noisy.

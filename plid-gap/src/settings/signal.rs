@@ -21,11 +21,11 @@ group! {
         coarse_alone: f64 = 4.0, "1", 0.0..=1e9;
         /// Values in the two codes next to zero from which truncation can be distinguished from rounding.
         truncation_values: f64 = 20.0, "values", 1.0..=1e9;
-        /// Runs of repeated values from which an output drops samples: fewer happen by chance.
+        /// Runs of repeated values from which an output has dropouts: fewer occur by chance.
         dropouts: usize = 4, "runs", 1.0..=1e9;
         /// Share of an extreme value from which a value may be clipped.
         near_extreme: f64 = 0.85, "1", 0.0..=1.0;
-        /// Share of a record's values near the extremes from which the channel clips, and does not only reach a peak.
+        /// Share of a record's values near the extremes from which the channel clips rather than only reaching a peak.
         clipped_share: f64 = 0.01, "1", 0.0..=1.0;
         /// Least error of a repeated value, in standard deviations of the declared noise.
         repeat_error: f64 = 6.0, "std", 0.0..=1e6;
@@ -36,7 +36,7 @@ group! {
         repeat_isolation: f64 = 0.5, "1", 0.0..=1.0;
         /// Power of a line over the median of its neighbourhood from which the line counts. A resonance in noise
         /// reaches ten times the chance of an exponential tail; a line of half the noise's RMS in a record of 3200
-        /// samples stands out by 250.
+        /// samples exceeds the median by a factor of 250.
         line_prominence: f64 = 60.0, "1", 1.0..=1e9;
         /// Share of an input's power at the frequency of a line from which the line may be the plant's response. Of an
         /// input with a broad spectrum, a few lines of the resolution hold a much smaller share.

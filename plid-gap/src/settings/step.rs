@@ -1,5 +1,5 @@
-//! Steps of the diagnosis that can be switched off one at a time, to see what each contributes. An answer with a step
-//! off is for comparison only.
+//! Steps of the diagnosis that can be switched off one at a time, to measure the contribution of each. An answer with a
+//! step off is for comparison only.
 
 use std::fmt;
 use std::str::FromStr;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Step {
-    /// The audit looks for crossed, negated, delayed or clipped channels and other units. Off: it does not. Records
+    /// The audit searches for crossed, negated, delayed or clipped channels and other units. Off: it does not. Records
     /// that cannot be used are still refused.
     Audit,
     /// The noise is fitted to the stretches that no command explains. Off: it is as declared, or a share of each
@@ -98,25 +98,22 @@ impl Step {
     /// Returns how a diagnosis differs without the step.
     pub fn when_off(self) -> &'static str {
         match self {
-            Self::Audit => "crossed, negated, delayed or clipped channels and other units are not looked for",
+            Self::Audit => "swapped, negated, delayed or clipped channels and other units are not detected",
             Self::NoiseFit => "noise is taken as declared, and nothing is found in quiet records",
-            Self::Clipping => {
-                "the search starts from the refit as it is, however far its parameters are outside their \
-            prior"
-            }
+            Self::Clipping => "the search starts from the refit, however far its parameters are outside their prior",
             Self::Polishing => "quick fits are only judged on whole records",
-            Self::Questioning => "of several effects, one that was accepted stays",
-            Self::PortScales => "scales at inferred ports rest on reciprocity",
-            Self::Material => "an effect's price alone decides whether it is accepted",
+            Self::Questioning => "accepted effects are not tested again",
+            Self::PortScales => "scales at inferred ports follow from reciprocity alone",
+            Self::Material => "an effect is accepted if it pays for its parameters, however little it explains",
             Self::Stochastic => "no stochastic effect is found in quiet records and raw values",
-            Self::Excess => "residual power above the noise is no evidence for something else",
-            Self::BeyondLimits => "linear parameters beyond their limits are no evidence for something else",
-            Self::Coherent => "a further entry of the screen is no evidence for something else",
+            Self::Excess => "residual power above the noise does not count as evidence for something else",
+            Self::BeyondLimits => "linear parameters beyond their limits do not count as evidence for something else",
+            Self::Coherent => "a further entry of the screen does not count as evidence for something else",
             Self::FreeShapes => "no free shape is tried",
             Self::ModalPlaces => "no location on a single mode is tried",
             Self::HeldOutVeto => "held-out records refute nothing",
             Self::Temperature => "probabilities are the textbook's",
-            Self::RenewedNoise => "the noise stays as it was first fitted",
+            Self::RenewedNoise => "the first fit of the noise is kept",
         }
     }
 }
@@ -133,7 +130,7 @@ impl FromStr for Step {
     fn from_str(text: &str) -> Result<Self, String> {
         let known = || Self::ALL.map(Self::name).join(", ");
         let found = Self::ALL.into_iter().find(|step| step.name() == text);
-        found.ok_or_else(|| format!("`{text}` is no step that can be off; those are {}", known()))
+        found.ok_or_else(|| format!("`{text}` is not a step that can be switched off; those are {}", known()))
     }
 }
 

@@ -95,7 +95,7 @@ pub fn missing_modes(plant: &Plant, driven: &[Driven], settings: &SignalSettings
             let ridge = C::from(1e-6 * uu.trace().re / m as f64);
             (0..m).for_each(|i| uu[(i, i)] += ridge);
             let response = uu.try_inverse().map_or_else(|| DMatrix::zeros(p, m), |inverse| &eu * inverse);
-            // The power that the inputs explain. At frequencies without input power, the response is no evidence.
+            // The power that the inputs explain. At frequencies without input power, the response proves nothing.
             *power = (&response * eu.adjoint()).trace().re.max(0.0);
             response
         })

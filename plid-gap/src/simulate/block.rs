@@ -1,6 +1,6 @@
 //! The linear maps of a block: the parts of a sample over which the command is held.
 //!
-//! A force needs to know the motion at its port and nothing else of the modes. The motion at the ends of all parts is
+//! A force depends only on the motion at its port, not on the modes themselves. The motion at the ends of all parts is
 //! that without forces, which is one product with the state, plus the responses to the forces of earlier parts, which
 //! are a few numbers. The forces then move the state by another product. Modes are thus visited once a block and not in
 //! every part.
@@ -11,7 +11,7 @@ use crate::plant::{Carried, Plant, phi1};
 use crate::simulate::lanes::{self, Quad, Rows, WIDE};
 use plid_fourier::C;
 
-/// What is stepped: a plant over blocks, with forces and disturbances at ports (their numbers).
+/// The stepped system: a plant over blocks, with forces and disturbances at ports (their numbers).
 pub struct Block {
     /// Number of parts of a block.
     pub parts: usize,
@@ -36,7 +36,7 @@ struct RestStep {
 }
 
 /// The maps of a block at certain poles. A motion is that of all ports: the displacements at the ends of all parts,
-/// then the velocities. Forces stand likewise: what is held over each part, then the change over it.
+/// then the velocities. Forces are stored in the same order: what is held over each part, then the change over it.
 pub struct Maps {
     /// Turn of the modes.
     pub turn: Vec<Quad>,
@@ -74,7 +74,7 @@ impl States {
         self.modes.iter().zip(&column.modes).map(|(a, b)| (a * b).re).sum::<f64>() + self.rest.dot(&column.rest)
     }
 
-    /// The same now and after each of some parts.
+    /// Returns the state now and after each of `count` parts.
     fn turned(self, turn: &[C], a: &DMatrix<f64>, count: usize) -> Vec<Self> {
         let next = |at: &Self| {
             let modes = at.modes.iter().zip(turn).map(|(z, turn)| z * turn).collect();
@@ -219,7 +219,7 @@ impl Block {
         [self.state(&last.modes, last.rest.as_slice()), self.moved(ports, &sums, 0)].concat()
     }
 
-    /// Sets what forces do to the state and to the motion.
+    /// Sets the response of the state and of the motion to forces.
     fn set_forces(&self, plant: &Plant, poles: &[(C, Carried)], ports: &[[States; 2]], turn: &[C], to: &mut Maps) {
         let mut columns = vec![Vec::new(); WIDE * self.motion_lanes()];
         for (port, &number) in self.forces.iter().enumerate() {

@@ -122,7 +122,7 @@ pub fn slope(x: &[f64], rate: f64) -> Vec<f64> {
     (0..x.len()).map(at).collect()
 }
 
-/// Largest turn in a part of a sample of what a stiff law does to a port, in rad.
+/// Largest phase advance, in a part of a sample, of a port's oscillation against a stiff law, in rad.
 const TURN: f64 = 0.25;
 
 /// Most parts of a sample.
@@ -158,7 +158,7 @@ pub fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
     changed
 }
 
-/// Returns the same without the loads, which couple the modes.
+/// Returns the plant with the actions that change it, except loads, which couple the modes; `None` if none changes it.
 pub fn changed_modes(plant: &Plant, actions: &[Action]) -> Option<Plant> {
     let mut changed = None;
     for action in actions {
@@ -260,7 +260,7 @@ mod tests {
         assert!(best < 0.05, "{best}");
     }
 
-    /// A force on a motion that is an input is its law at that motion, beside the linear response.
+    /// A force on a motion that is an input is its law at that motion, added to the linear response.
     #[test]
     fn a_force_on_a_given_motion_is_its_law() {
         use crate::effects::{CoulombFriction, CubicStiffness, JointHysteresis, Place};

@@ -11,7 +11,7 @@ use crate::simulate::feedback::Feedback;
 use crate::simulate::lanes::{self, Lane, Quad, Rows, WIDE};
 use plid_fourier::C;
 
-/// What differs between runs in step: the command and the disturbances.
+/// The signals that differ between runs in step: the command and the disturbances.
 pub struct Given {
     /// The command.
     pub drive: Drive,
@@ -122,12 +122,12 @@ struct Moving {
     hold: Option<Hold>,
 }
 
-/// Dry friction that holds a port while it stands still.
+/// Dry friction that holds a port at rest.
 #[derive(Clone, Copy)]
 struct Hold {
     /// The largest force.
     most: f64,
-    /// Whether the port stands still.
+    /// Whether the port is at rest.
     stuck: bool,
     /// The force of the last part.
     force: f64,
@@ -200,8 +200,8 @@ impl<'a, const R: usize> Runner<'a, R> {
         }
     }
 
-    /// Multiplies every w^2 by `factor`. The force 2 zeta w q' stays, and so does the real part of each pole; a mode's
-    /// rows follow its pole. The gains of actuators and filters are those at the former pole.
+    /// Multiplies every w^2 by `factor`. The force 2 zeta w q' does not change, and neither does the real part of each
+    /// pole; a mode's rows follow its pole. The gains of actuators and filters are those at the former pole.
     fn stiffen(&mut self, plant: &Plant, factor: f64) {
         let pole = |from: C| {
             let square = from.norm_sqr() * factor - from.re * from.re;

@@ -12,7 +12,7 @@ use crate::simulate::runner::{Given, Runner, advance};
 /// A run of the simulation.
 #[derive(Clone, Copy)]
 pub struct Run<'r> {
-    /// What the effects change.
+    /// The changes by the effects.
     pub actions: &'r [Action],
     /// Held inputs: m channels.
     pub u: &'r [Vec<f64>],

@@ -164,7 +164,7 @@ fn a_spring_that_moves_the_resonance_far_is_found() {
     assert!(!spring.shape_differs && found.gap.with_effect < 1.2 * found.gap.noise_floor, "{}", found.sentence);
 }
 
-/// The same spring with a difference between its two directions, and a little that no explanation has. A stop on one
+/// That spring with a difference between its two directions, and a little that no explanation has. A stop on one
 /// side imitates both parts better than each of them does alone, but not better than both do together.
 #[test]
 fn two_parts_of_a_strong_spring_are_found_behind_what_imitates_them() {
@@ -186,7 +186,8 @@ fn pendulum(k: f64, force: fn(f64, f64) -> f64) -> Axis {
     Axis { mass: k / (w * w), c: 1.4 * k / w, k, force, position: true }
 }
 
-/// Gravity's sine is told from a cubic spring where a pendulum swings far, and is its equal where it does not.
+/// Gravity's sine is distinguished from a cubic spring where a pendulum swings far, and is equivalent where it does
+/// not.
 #[test]
 fn the_sine_of_gravity_is_told_from_a_cube_on_large_angles() {
     fn light(d: f64, _v: f64) -> f64 {

@@ -39,7 +39,7 @@ fn controller([p, d, i]: [f64; 3]) -> Model {
     model
 }
 
-/// The same without a reference.
+/// A [`controller`] without a reference.
 fn without_reference(gains: [f64; 3]) -> Model {
     let mut model = controller(gains);
     model.inputs.truncate(1);
@@ -111,7 +111,7 @@ fn reference(seed: u64, level: f64) -> Vec<f64> {
     (0..SAMPLES).map(|k| level * drawn[k / 40]).collect()
 }
 
-/// What is declared as the inputs of a case.
+/// The signals that are declared as the inputs of a case.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum Given {
     References,
@@ -178,7 +178,7 @@ fn far(axis: Axis, gains: [f64; 3], effect: &dyn Effect, parameters: &[f64], law
 }
 
 /// Between two samples the plant moves with the command held, and the controller acts at samples alone: friction on a
-/// free slider, and a cubic spring and friction on a pendulum that stands on its head.
+/// free slider, and a cubic spring and friction on an inverted pendulum.
 #[test]
 fn forces_within_a_loop_agree_with_small_steps() {
     fn friction(_: f64, v: f64) -> f64 {

@@ -26,7 +26,7 @@ pub fn truss(seed: u64) -> Model {
     truss_with(seed, |_, _, _| {})
 }
 
-/// The same with frequencies and damping ratios, input shapes (modes x 2) and output shapes (2 x modes) changed.
+/// A [`truss`] with changed frequencies and damping ratios, input shapes (modes x 2) and output shapes (2 x modes).
 pub fn truss_with(seed: u64, change: impl FnOnce(&mut [(f64, f64)], &mut DMatrix<f64>, &mut DMatrix<f64>)) -> Model {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut truss = Truss::draw(&MODES, &mut rng);

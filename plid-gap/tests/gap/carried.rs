@@ -262,7 +262,7 @@ struct Benches {
     inferred: Bench,
     /// A simulation without a continuous form.
     discrete: Bench,
-    /// A truss with a device beside it that the second input moves, and whose force is in the second output.
+    /// A truss and, next to it, a device that the second input moves and whose force is in the second output.
     tested: Bench,
     /// Accelerations without filters under control, by a reference and by what is added to the command.
     led: Bench,

@@ -19,7 +19,7 @@ most_unknown = 0.5
 
 A number is a setting if it decides what the diagnosis says: with another value, another statement would be made about
 the same records. Its reason and its source are given in the code and in the tables below. A number that only controls a
-computation is defined beside its algorithm, with a comment that gives its reason. Such numbers are steps of finite
+computation is defined next to its algorithm, with a comment that gives its reason. Such numbers are steps of finite
 differences, limits of iterations, lengths of segments, rounding tolerances, the shapes of starting values, and numbers
 of rows in a report. The limits within which the parameters of an effect mean what its name says are in the file of the
 effect.

@@ -204,7 +204,7 @@ pub enum NoiseSource {
     Given,
     /// The paper's values 0.005, 0.005, 0.010, read as covariances.
     PaperLiteral,
-    /// The same values read as RMS in volts.
+    /// The paper's values read as RMS in volts.
     PaperSquared,
     /// R from the spread of averaged repeats; Sigma from the filter bank.
     Repeats,
@@ -229,9 +229,9 @@ pub enum NoiseReading {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Covariance {
-    /// The same variance for all channels, independent.
+    /// Independent channels with equal variances.
     Common(f64),
-    /// One variance per channel, independent.
+    /// Independent channels with one variance each.
     Diagonal(Vec<f64>),
     /// A full matrix, row by row.
     Full(Vec<Vec<f64>>),
@@ -439,7 +439,7 @@ impl Experiment {
         }
     }
 
-    /// Returns what a source of noise covariances lacks.
+    /// Returns the missing keys of a source of noise covariances.
     fn problems_of_noise(&self, problems: &mut Vec<(&'static str, String)>) {
         if self.noise.from == NoiseSource::Given {
             for (key, value) in [("sensor", &self.noise.sensor), ("state", &self.noise.state)] {

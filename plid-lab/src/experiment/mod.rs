@@ -1,4 +1,4 @@
-//! What an experiment is: a strict TOML file that names data, preparation, structure, noise, variant and validation.
+//! An experiment: a strict TOML file that names data, preparation, structure, noise, variant and validation.
 
 mod config;
 #[cfg(test)]

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::MergeError;
 
-/// The Gaussian posterior of one run over shared parameters and parameters of its own.
+/// The Gaussian posterior of one run over shared parameters and its own parameters.
 #[derive(Clone, Debug)]
 pub struct Knowledge {
     /// The name of the run in error messages.
@@ -75,7 +75,7 @@ impl Knowledge {
         Ok(Rows { rows, right })
     }
 
-    /// Whether the numbers make a Gaussian as far as sizes and signs go; what follows relies on it.
+    /// Whether the numbers form a Gaussian, as far as sizes and signs are concerned; the computation relies on it.
     pub(super) fn check(&self) -> Result<(), MergeError> {
         let size = self.places.len();
         let shapes = self.estimate.len() == size

@@ -55,7 +55,7 @@ fn posterior(record: &Static, prior: &[f64]) -> Knowledge {
     }
 }
 
-/// All records at once, as one batch of normal equations.
+/// All records together, as one batch of normal equations.
 fn batch(records: &[Static], prior: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
     let size = prior.len();
     let mut information = DMatrix::from_diagonal(&DVector::from_fn(size, |k, _| 1.0 / prior[k]));
@@ -92,7 +92,7 @@ fn records(random: &mut Random, samples: &[usize], noise: &[f64]) -> Vec<Static>
     both.map(|(j, (&samples, &noise))| random.record(&truth, &places(j), samples, noise)).collect()
 }
 
-/// One run a record, merged, against all records at once.
+/// One run per record, merged, against all records together.
 fn merges_to_the_batch_estimate(records: &[Static], prior: &[f64]) {
     let runs: Vec<Knowledge> = records.iter().map(|record| posterior(record, prior)).collect();
     let merged = combine(&runs, prior.len()).unwrap();
@@ -213,7 +213,8 @@ fn a_covariance_of_the_wrong_scale_is_put_right() {
     close(&right.covariance, &covariance, 1e-10);
 }
 
-/// A direction that one run's data do not see: its covariance there is the prior's, and the other run's answer stands.
+/// A direction that one run's data do not see: its covariance there is the prior's, and the other run's estimate is
+/// kept.
 #[test]
 fn what_one_run_cannot_see_the_others_tell() {
     let mut random = Random::new(6);

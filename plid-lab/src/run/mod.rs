@@ -161,7 +161,7 @@ pub fn carry_out(
     done.conclude(progress).map_err(|error| stopped(error, memory))
 }
 
-/// A finished recursion and what led to it.
+/// A finished recursion with its inputs.
 struct Done {
     experiment: Experiment,
     identity: String,
@@ -234,7 +234,7 @@ fn require_single(experiment: &Experiment) -> Result<(), RunError> {
         return Err(setting(key, reason));
     }
     if experiment.structure.kind == StructureKind::SimoMerge {
-        return Err(setting("structure", "runs that are to be merged are several: `merge::carry_out` makes them"));
+        return Err(setting("structure", "a merge consists of several runs: `merge::carry_out` makes them"));
     }
     Ok(())
 }
@@ -250,10 +250,10 @@ fn require_parts(prepared: &Prepared, training: &[Samples<'_>]) -> Result<(), Ru
     Ok(())
 }
 
-/// What a run has decided before its recursion.
+/// The decisions of a run before its recursion.
 struct Settled {
     plan: Plan,
-    /// What the choice of the covariance form depends on.
+    /// The conditions that determine the covariance form.
     conditions: Conditions,
     scan: Option<OrderScan>,
     index_search: Vec<ScanRow>,
@@ -303,7 +303,7 @@ fn is_comparable(truth: &Truth, prepared: &Prepared) -> bool {
     same && prepared.records.len() == 1 && prepared.start_s == 0.0
 }
 
-/// The data, and what preparation makes of them.
+/// The data before and after preparation.
 fn data(experiment: &mut Experiment, base: &Path) -> Result<(Obtained, Prepared), RunError> {
     let obtained = obtain(experiment, base)?;
     let mut shares = vec![1.0; obtained.records.len()];
@@ -342,7 +342,7 @@ pub(crate) fn bank(experiment: &Experiment, base: &Path) -> Result<(Prepared, Op
     Ok((prepared, bank))
 }
 
-/// What the stages of a run share.
+/// The data that the stages of a run share.
 struct Actor<'a> {
     experiment: &'a Experiment,
     base: &'a Path,
@@ -403,7 +403,7 @@ impl Actor<'_> {
         })
     }
 
-    /// The canonical form of so many states, or of the indices that are given.
+    /// The canonical form with the given number of states or with the given indices.
     fn form(&self, states: Option<usize>, p: usize, m: usize) -> Result<ObservableForm, RunError> {
         let bad = |e: plid_core::StructureError| setting("structure", e);
         match (&self.experiment.structure.indices, states) {
@@ -462,7 +462,7 @@ pub(crate) fn scaled_model(identified: &IdentifiedModel, prepared: &Prepared) ->
     Ok(model)
 }
 
-/// The same in the units of the data: in canonical form, and as it is handed over.
+/// Converts a model to the units of the data: in canonical form, and as it is handed over.
 fn in_data_units(
     scaled: &Model,
     predictor: Option<&Predictor>,

@@ -22,7 +22,7 @@ const F16: &str = "f16/F16Data_FullMSine_Level1.csv";
 const F16_CHANNELS: &str =
     "inputs = [\"Force\"]\noutputs = [\"Acceleration1\", \"Acceleration2\", \"Acceleration3\"]\n";
 
-/// Of these long records the bank of filters is left out: what is tested does not need it.
+/// The bank of filters is omitted for these long records, because the tests do not need it.
 #[test]
 fn f16_is_simulated_to_ten_per_cent() {
     for (rate, bound) in [("100.0", 0.10), ("50.0", 0.095)] {

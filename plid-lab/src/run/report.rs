@@ -312,7 +312,7 @@ pub(crate) fn complex(z: nalgebra::Complex<f64>) -> Complex64 {
 fn error_table(outcome: &Outcome) -> Table {
     let validation = &outcome.validation;
     let mut table = Table::new(
-        "Errors on the held-out part, which nothing was learnt from. Relative: RMS of the error \
+        "Errors on the held-out part, which was not used for training. Relative: RMS of the error \
         over RMS of the output about its mean. Fit: as MATLAB's compare.",
     )
     .column("output", "")

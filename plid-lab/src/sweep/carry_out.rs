@@ -17,7 +17,7 @@ use crate::run::{RunError, file_error, strict_json};
 /// Says which sweep a folder holds.
 const SWEEP: &str = "sweep.json";
 
-/// Runs the points of a sweep, or those of a shard, each in a folder of its own in `directory`, and returns their rows.
+/// Runs the points of a sweep, or those of a shard, each in its own folder in `directory`, and returns their rows.
 /// With `resume`, finished points are kept and interrupted ones continue. A run that fails is a row with its error.
 ///
 /// # Errors
@@ -30,7 +30,7 @@ pub fn carry_out(
     progress: &dyn Progress,
 ) -> Result<Vec<Row>, RunError> {
     let points = directory.join(POINTS);
-    // The folder comes first: it tells the other shards that the directory is ours.
+    // The folder comes first: it shows the other shards that the directory is ours.
     fs::create_dir_all(&points).map_err(file_error(&points))?;
     claim(sweep, directory, resume)?;
     let own: Vec<usize> = (0..sweep.points()).filter(|&index| shard.is_none_or(|shard| shard.has(index))).collect();

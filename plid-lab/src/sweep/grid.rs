@@ -1,4 +1,4 @@
-//! What a sweep runs: an experiment, and the values that some of its keys take.
+//! The grid of a sweep: an experiment, and the values of its varied keys.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -174,8 +174,8 @@ fn varied(text: &str, name: &str) -> Result<Vec<Varied>, ConfigError> {
     found.into_iter().map(list).collect()
 }
 
-/// Everything below a value that is no further table: dotted key, place and value. Quoted keys with dots and keys in
-/// tables come to the same.
+/// Collects dotted key, place and value of everything in a table that is not itself a table. Quoted keys with dots are
+/// equivalent to keys in tables.
 fn collect<'d, 'i>(
     key: &str,
     place: Range<usize>,

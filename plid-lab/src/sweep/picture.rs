@@ -5,7 +5,7 @@ use super::point::Row;
 use super::table::{self, MODELS};
 use plid_report::{Axis, Chart, Series, charts};
 
-/// More curves than this in one picture cannot be told apart, and are drawn as points of one kind.
+/// More curves than this in one picture cannot be distinguished, and are drawn as points of one kind.
 const MOST_CURVES: usize = 8;
 
 /// An axis over more than this factor is logarithmic.

@@ -1,4 +1,4 @@
-//! The report of a sweep: what was found in sentences, a picture, and the table.
+//! The report of a sweep: the results in sentences, a figure, and the table.
 
 use serde_json::Value;
 

@@ -28,7 +28,7 @@ const fn figure(name: &'static str, places: &'static [&'static str]) -> Figure {
 const FREE_RUN: &str = "free_run_relative";
 const REFINED: &str = "refined_free_run_relative";
 
-/// The models whose errors are drawn: the column of the free-run error, and what the model is called.
+/// The models whose errors are drawn: the column of the free-run error, and the name of the model.
 pub(super) const MODELS: [(&str, &str); 2] = [(FREE_RUN, "recursive"), (REFINED, "refined")];
 
 /// The figures of a run. Errors are those on held-out data, RMS over RMS of the output, of all outputs together.

@@ -68,7 +68,7 @@ pub fn cross_correlation(
     Ok(residuals.iter().map(|e| inputs.iter().map(|u| one_pair(e, u, options, quantile)).collect()).collect())
 }
 
-/// A centred series with the sums of products of its own past.
+/// A centred series with the sums of products of its past.
 struct Series {
     value: Vec<f64>,
     /// sum_t x_t x_{t+k} for k = 0, 1, ...

@@ -62,7 +62,7 @@ struct Trend<'a> {
 
 impl<'a> Trend<'a> {
     fn of(name: &'static str, samples: &[usize], line: &'a [Point]) -> Result<Self> {
-        // The first half of the lengths tells of the start.
+        // The first half of the lengths depends on the start.
         let late = line.len() / 2 - 1;
         let slope = |of: fn(&Point) -> f64| slope(&against(samples, line, of)[late..]);
         let last = line.last().ok_or("no samples")?;

@@ -166,8 +166,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         )
         .say(format!(
             "Frequencies drift by {total:.2} % in {} s. One run then simulates with {one:.1} % ({floor:.1} % without \
-             drift); identified again over the last {} s, {again:.1} % from the last P and {anew:.1} % anew; with \
-             forgetting {forgetting:.1} %.",
+             drift); identified again over the last {} s, {again:.1} % from the last P and {anew:.1} % from scratch; \
+             with forgetting {forgetting:.1} %.",
             vary.duration_s, vary.recent_s
         )))
 }

@@ -13,7 +13,7 @@ pub const CLAIM: Claim = claim!("fig4",
     statement: "The transfer function from actuator 1 to sensor 2, 50-300 Hz, random excitation, 64 averages, shows a \
         group of modes near 60 Hz some 40 dB down, then modes at 136, 168, 186, 212 and 243 Hz.",
     limit: "The truss was given these frequencies and this level. What is tested is that such a measurement shows \
-        them; that the real structure had them is the paper's word.",
+        them; that the real structure had them is stated only by the paper.",
     timed: false,
 );
 
@@ -48,7 +48,7 @@ fn highest(measured: &WelchFrf, low: f64, high: f64) -> usize {
     inside.max_by(|&a, &b| level(measured, a).total_cmp(&level(measured, b))).expect("there are lines in the band")
 }
 
-/// The measured peaks of the five modes beside the true ones.
+/// The measured peaks of the five modes compared with the true ones.
 struct Peaks {
     rows: Vec<Vec<String>>,
     /// The largest distance in frequency, Hz.

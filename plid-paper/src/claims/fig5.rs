@@ -140,7 +140,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .figure("largest distance of the density from the filter's, 20-350 Hz", off, "dB")
         .part(
             "From 20 to 350 Hz the density is the filter's within 3 dB (so many averages leave 1 dB of scatter a line, \
-             and the largest of a hundred lines is looked at).",
+             and the largest deviation of a hundred lines counts).",
             off < 3.0,
         )
         .part(
@@ -149,17 +149,17 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             from <= 600.0 && filter.sampled(700.0) < amplifier,
         )
         .part(
-            "It is so from about 600 Hz, 500 to 700, and not from much lower: for the sampled \
+            "It is below it from about 600 Hz, 500 to 700, and not from much lower: for the sampled \
             filter.",
             (500.0..=700.0).contains(&from),
         )
-        .part("The same for an analogue filter.", (500.0..=700.0).contains(&ideal))
+        .part("It is so for an analogue filter.", (500.0..=700.0).contains(&ideal))
         .picture(psd, "Density of the command as the converter gives it, the filter, and the floors.")
         .picture(time, "The first half second.")
         .say(format!(
-            "From 600 Hz on the command is below the floor of 5 mV, but a sampled filter of this kind is so from \
-             {from:.0} Hz already (measured {measured:.0} Hz), an analogue one from {ideal:.0} Hz. The converter's \
-             rounding takes over at {rounded:.0} Hz, or {ideal_rounded:.0} Hz. The paper's figure lies between the two \
-             floors of an analogue filter."
+            "From 600 Hz on the command is below the floor of 5 mV, but that of a sampled filter of this kind already \
+             is from {from:.0} Hz on (measured {measured:.0} Hz), and that of an analogue one from {ideal:.0} Hz. The \
+             converter's rounding takes over at {rounded:.0} Hz, or {ideal_rounded:.0} Hz. The paper's figure lies \
+             between the two floors of an analogue filter."
         )))
 }

@@ -17,7 +17,7 @@ pub const CLAIM: Claim = claim!("fig6",
     statement: "The convergence plot (largest absolute one-step error over the sensors, a sample at a time) comes down \
         to about 30 mV without averages and 20 mV with ten; single peaks come down from 40 to 20 mV.",
     limit: "The levels depend on the noise of the real outputs, which is known only as a figure for the whole (15-20 \
-        mV at rest), and on the covariances that were told. That averaging lowers them can be tested.",
+        mV at rest), and on the assumed covariances. That averaging lowers them can be tested.",
     timed: false,
 );
 

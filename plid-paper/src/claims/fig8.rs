@@ -185,7 +185,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .part("At some number of samples the peak at 168 Hz is too low, by 1 dB at least.", !never_low)
         .part(
             "With the fewest samples it is lower than with the most, by 0.5 dB at least, and with the most it is \
-             within 1 dB: samples are what was missing.",
+             within 1 dB: too few samples were the cause.",
             many_db - few_db > 0.5 && many_db.abs() < 1.0,
         )
         .say(format!(

@@ -29,7 +29,8 @@ struct Vary {
     noise: Vec<NoiseSource>,
 }
 
-/// The modes of one run, its one-step error over the last 200 samples in mV RMS, and its response beside the true one.
+/// The modes of one run, its one-step error over the last 200 samples in mV RMS, and its response compared with the
+/// true one.
 type Found = (Vec<ModeRow>, f64, String);
 
 fn find(context: &Context<'_>, truth: &Model, experiment: &Experiment) -> Result<Found> {

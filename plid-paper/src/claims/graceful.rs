@@ -30,7 +30,7 @@ struct Vary {
     white_cutoff_hz: f64,
 }
 
-/// The same with an input that is white up to nearly half the rate.
+/// The experiment with an input that is white up to nearly half the rate.
 pub fn whitened(experiment: &Experiment, cutoff_hz: f64) -> Experiment {
     let mut other = experiment.clone();
     if let InputConfig::WhiteNoise(WhiteNoise { cutoff_hz: cutoff, .. }) = &mut truss_of(&mut other).input {

@@ -52,7 +52,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         )
         .say(format!(
             "A SIMO step takes {least:.2} to {most:.2} of the time of a MIMO step; in theory, with 5 n unknowns in \
-             place of 7 n and work that grows with their square, 0.51. Three SIMO runs together so take {:.1} to {:.1} \
+             place of 7 n and work that grows with their square, 0.51. Three SIMO runs therefore take {:.1} to {:.1} \
              times as long as one MIMO run over as many samples.",
             3.0 * least,
             3.0 * most

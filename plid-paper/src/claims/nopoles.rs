@@ -11,7 +11,7 @@ use crate::truss::{covariances, mean_and_spread, with_samples, with_seed};
 
 pub const CLAIM: Claim = claim!("nopoles",
     statement: "No poles are given to the band above about 600 Hz, where the input is below the noise.",
-    limit: "The testbed has modes at 640 and 731 Hz, so there is something that poles could be given to.",
+    limit: "The testbed has modes at 640 and 731 Hz, so poles could represent something in this band.",
     timed: false,
 );
 

@@ -127,7 +127,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             rows,
         )
         .say(format!(
-            "The error in 100-260 Hz comes to stay below {} % after this many samples: {}.",
+            "The error in 100-260 Hz remains below {} % after this many samples: {}.",
             vary.target_percent,
             text.join(", ")
         )))

@@ -7,7 +7,7 @@ use crate::claim::{Claim, Context, Finding, Result};
 pub const CLAIM: Claim = Claim {
     id: "sizing",
     statement: "Eq. 11-15 give a square adapter of about 0.16 in.",
-    limit: "Arithmetic: it says that the printed numbers give the printed result, not that the adapter served.",
+    limit: "Arithmetic: it says that the printed numbers give the printed result, not that the adapter worked.",
     config: include_str!("../../experiments/sizing.toml"),
     vary: "",
     timed: false,

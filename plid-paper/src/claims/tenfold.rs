@@ -9,7 +9,7 @@ use crate::claim::{Claim, Context, Finding, Result, claim};
 
 pub const CLAIM: Claim = claim!("tenfold",
     statement: "Square-root propagation costs as much as ten times more computation.",
-    limit: "Ratios of plid's own forms, on this machine: the paper's programs are not to be had.",
+    limit: "Ratios of plid's own forms, on this machine: the paper's programs are not available.",
     timed: true,
 );
 
@@ -65,7 +65,10 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .timed("largest ratio of times", most_time, "")
         .figure("largest ratio of operations", most_work, "")
         .part("No factored form takes more than ten times the time of the direct one.", most_time <= 10.0)
-        .part("Some factored form takes five times as long at least: ten is the order of it.", most_time >= 5.0)
+        .part(
+            "Some factored form takes at least five times as long: ten is the right order of magnitude.",
+            most_time >= 5.0,
+        )
         .table(
             "Least time of a step of the direct form; times and operations of the others over it.",
             &[

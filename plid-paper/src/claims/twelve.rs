@@ -80,8 +80,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         )
         .table(&format!("{} steps on the truss, P0/R = 4·10⁴. {}", vary.steps, stability::rule()), &columns, rows)
         .say(format!(
-            "Over {} steps the direct form is {} in f64 up to {largest} states; in f32 it is {} with 12 states. What \
-             decides is the scalar, not the twelve.",
+            "Over {} steps the direct form is {} in f64 up to {largest} states; in f32 it is {} with 12 states. The \
+             scalar is decisive, not the number of states.",
             vary.steps,
             if double_all { "sound" } else { "not sound at every size" },
             if single_small { "sound" } else { "lost or degraded" },

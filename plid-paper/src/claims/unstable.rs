@@ -104,7 +104,7 @@ fn largest(roots: &[Complex<f64>]) -> f64 {
     roots.iter().map(|root| root.norm()).fold(0.0, f64::max)
 }
 
-/// What the records of all seeds give for one plant.
+/// The results of all seeds for one plant.
 struct Found {
     pole_errors: Vec<f64>,
     zero_errors: Vec<f64>,
@@ -176,7 +176,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         ]);
     }
     let sentence = format!(
-        "An unstable plant in open loop is identified with its poles right to {:.4}, one of minimum phase lacking with \
+        "An unstable plant in open loop is identified with its poles right to {:.4}, one of non-minimum phase with \
          its zeros right to {:.4}, medians over {} records each.",
         finding.value("error of the poles, unstable"),
         finding.value("error of the zeros, non-minimum-phase"),

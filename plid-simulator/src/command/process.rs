@@ -33,7 +33,7 @@ pub(super) struct Process {
     name: String,
     input: ChildStdin,
     output: BufReader<Answers>,
-    /// Is dropped after the pipes, whose end tells the program to end.
+    /// Dropped after the pipes, whose closing ends the program.
     child: Running,
     log: Arc<Mutex<VecDeque<u8>>>,
     logger: Option<thread::JoinHandle<()>>,
@@ -162,7 +162,7 @@ impl Running {
 }
 
 impl Drop for Running {
-    /// Lets the program end, so that it can remove what it has made, and stops one that goes on.
+    /// Lets the program end, so that it can remove its files, and stops it if it continues.
     fn drop(&mut self) {
         if self.end().is_none() {
             let mut child = locked(&self.0);

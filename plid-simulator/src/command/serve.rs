@@ -289,7 +289,7 @@ mod tests {
         parts.iter().flat_map(of).collect()
     }
 
-    /// Returns what follows the description.
+    /// Returns the data after the description.
     fn served(requests: &[Part]) -> (Vec<u8>, std::io::Result<()>) {
         let mut answers = Vec::new();
         let result = serve(&mut Gain::new(), &bytes(requests)[..], &mut answers);

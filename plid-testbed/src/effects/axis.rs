@@ -50,7 +50,7 @@ fn slider() -> Axes {
 
 const STICKS: &str = "kind = \"stick-friction\"\nslides_v = 0.8\nholds_v = 1.1\ntransition_v_per_s = 0.02";
 
-/// Below the holding force nothing moves at all; above it, the axis breaks away.
+/// Below the holding force the axis does not move at all; above it, the axis breaks away.
 #[test]
 fn friction_holds_up_to_its_limit() {
     // 1.1 V in 1100 samples.

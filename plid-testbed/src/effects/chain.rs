@@ -12,8 +12,8 @@ pub(crate) trait StructureEffect {
     /// truss in `x` and `rate`.
     fn add_rate(&self, t_s: f64, x: &[f64], rate: &mut [f64]);
 
-    /// Adds what a force that is no function of the state, such as one that holds a body still, does to the state over
-    /// the last `_h_s` seconds, which `_x` has already gone through without it.
+    /// Adds what a force that is not a function of the state, such as one that holds a body still, does to the state
+    /// over the last `_h_s` seconds, which `_x` has already gone through without it.
     fn settle(&self, _h_s: f64, _x: &mut [f64]) {}
 
     /// Takes note of the state at the end of a step, if the force depends on where the motion has been.
@@ -68,7 +68,7 @@ impl Span<'_> {
     }
 }
 
-/// What an effect needs to know when a record begins.
+/// The information that an effect needs when a record begins.
 pub(crate) struct Site<'a> {
     pub truss: &'a Truss,
     pub clock: Clock,
@@ -102,7 +102,7 @@ impl Chain {
         self.structure.push(Box::new(PortForce { port: port.clone(), force }));
     }
 
-    /// Adds a change of some inputs' voltages that depends on nothing but the voltage.
+    /// Adds a change of some inputs' voltages that depends only on the voltage.
     pub(crate) fn change_inputs(&mut self, inputs: Vec<usize>, law: impl Fn(f64) -> f64 + 'static) {
         self.actuator.push(Box::new(StaticVoltage { inputs, law }));
     }

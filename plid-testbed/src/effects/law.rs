@@ -1,4 +1,4 @@
-//! What every effect of the list can do.
+//! The operations of every effect of the list.
 
 use super::chain::{Chain, Site};
 use super::place::ModeNumber;
@@ -28,7 +28,7 @@ impl Plant {
         Self { modes: Vec::new(), axes: Some(axes), poles_hz: [f64::INFINITY; crate::INPUTS] }
     }
 
-    /// The same with so many times the gain from commands to outputs.
+    /// Multiplies the gain from commands to outputs.
     pub(crate) fn amplified(mut self, gain: f64) -> Self {
         let scale = gain.sqrt();
         for mode in &mut self.modes {
@@ -56,7 +56,7 @@ pub(crate) struct Load {
     pub stiffness: f64,
 }
 
-/// What the values of an effect are checked against.
+/// The limits that the values of an effect must satisfy.
 pub(crate) struct Limits {
     pub sample_rate_hz: f64,
     /// End of the last record, s.
@@ -79,7 +79,7 @@ pub(crate) trait Law {
     /// Changes the linear plant.
     fn alter(&self, _plant: &mut Plant) {}
 
-    /// Returns what it adds to a port's own mass, damping and stiffness.
+    /// Returns the mass, damping and stiffness that it adds to a port's own.
     fn load(&self) -> Option<Load> {
         None
     }
@@ -87,7 +87,7 @@ pub(crate) trait Law {
     /// Adds the effect to a record's chain.
     fn install(&self, _site: Site, _chain: &mut Chain) {}
 
-    /// Makes the effect stronger by a factor: what it changes grows with it, to first order in proportion where
+    /// Makes the effect stronger by a factor. Its response grows with the factor, to first order in proportion where
     /// the law allows that.
     fn strengthen(&mut self, factor: f64);
 

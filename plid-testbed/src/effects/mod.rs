@@ -1,4 +1,4 @@
-//! Effects: what the nominal linear time-invariant model lacks. One file an effect.
+//! Effects that the nominal linear time-invariant model lacks, one file for each.
 //!
 //! An effect is a `Law`: it changes the linear plant, or takes its place in the chain of a record: between
 //! amplifier and actuator pole, inside the structure (integrated in continuous time together with it), on the samples
@@ -125,8 +125,8 @@ impl Effect {
         Effect::ActuatorGain(actuator::ActuatorGain { at: Input(0), gain: 1.0 })
     }
 
-    /// Makes it stronger by a factor: what it changes grows with it, to first order in proportion where the law allows
-    /// that.
+    /// Makes it stronger by a factor. Its response grows with the factor, to first order in proportion where the law
+    /// allows that.
     #[must_use]
     pub fn strengthened(&self, factor: f64) -> Self {
         let mut stronger = self.clone();
@@ -159,7 +159,7 @@ impl Effect {
     }
 }
 
-/// Returns the effects of a config in one list: first the two that have keys of their own.
+/// Returns the effects of a config in one list: first the two that have their own keys.
 fn list(config: &EffectsConfig) -> Vec<Effect> {
     let mut effects = Vec::new();
     if config.stiffness_drift_per_s != 0.0 {
@@ -191,7 +191,7 @@ pub(crate) fn alter(config: &EffectsConfig, plant: &mut Plant) {
     list(config).iter().for_each(|effect| effect.law().alter(plant));
 }
 
-/// Returns what the effects of a checked config add to the masses, dampers and springs at ports.
+/// Returns the masses, dampers and springs that the effects of a checked config add at ports.
 pub(crate) fn loads(config: &EffectsConfig) -> Vec<Load> {
     list(config).iter().filter_map(|effect| effect.law().load()).collect()
 }

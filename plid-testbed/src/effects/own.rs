@@ -1,8 +1,8 @@
 //! Effects of a program's own: the truth of an effect that the testbed does not have.
 //!
 //! A program adds a [`Truth`] at its start. Configs and specs then name it as they name a built-in effect, and the
-//! testbed simulates it. The truth says only what happens in the plant: what a diagnosis makes of it is code of its
-//! own, so that neither can be wrong in the other's favour.
+//! testbed simulates it. The truth states only what happens in the plant; its diagnosis is separate code, so
+//! that neither can be wrong in the other's favour.
 
 use std::sync::{PoisonError, RwLock};
 
@@ -25,7 +25,7 @@ pub enum Side {
     Sensor,
 }
 
-/// What an effect does in one record, from rest. All signals are in volts, times in seconds.
+/// The action of an effect in one record, from rest. All signals are in volts, times in seconds.
 pub enum Action {
     /// The force on the structure at a port, from the port's displacement (V) and velocity (V/s).
     Force(Box<dyn Fn(f64, f64) -> f64>),
@@ -63,8 +63,8 @@ pub trait Truth: Send + Sync {
     /// until they make the gap asked for.
     fn start(&self, level: &Level) -> Vec<f64>;
 
-    /// Makes the effect stronger by a factor: what it changes grows with it, to first order in proportion. By default
-    /// the first parameter is multiplied.
+    /// Makes the effect stronger by a factor. Its response grows with the factor, to first order in proportion. By
+    /// default the first parameter is multiplied.
     fn strengthen(&self, parameters: &mut [f64], factor: f64) {
         parameters[0] *= factor;
     }
@@ -75,7 +75,7 @@ pub trait Truth: Send + Sync {
         &[]
     }
 
-    /// Returns what the effect does in a record that begins now: by the diagnosis's equation, or by the law that is
+    /// Returns the action of the effect in a record that begins now: by the diagnosis's equation, or by the law that is
     /// named, one of [`Truth::near_misses`]. It must be an action of its [`Truth::side`].
     fn act(&self, law: Option<&str>, parameters: &[f64]) -> Action;
 }

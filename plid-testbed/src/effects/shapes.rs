@@ -26,7 +26,7 @@ impl Limit {
     }
 }
 
-/// What lies beyond a gap around zero: x - g above g, x + g below -g.
+/// The part beyond a gap around zero: x - g above g, x + g below -g.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Gap {
@@ -78,8 +78,8 @@ impl Course {
     }
 }
 
-/// How a displacement that yields goes on: dz/dx with x the displacement, s the slope at first and +-`most` the bounds
-/// of z.
+/// The evolution of a displacement that yields: dz/dx with x the displacement, s the slope at first and +-`most` the
+/// bounds of z.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Yielding {

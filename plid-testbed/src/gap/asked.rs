@@ -17,15 +17,15 @@ const OF_AXES: [&str; 8] = [
     "stick-friction",
 ];
 
-/// What resists any motion.
+/// Effects that resist any motion.
 const RESISTANCE: [&str; 5] =
     ["added-damping", "added-mass", "coulomb-friction", "quadratic-damping", "stick-friction"];
-/// What depends on where an axis is.
+/// Effects that depend on the position of an axis.
 const POSITION: [&str; 3] = ["added-stiffness", "end-stop", "one-sided-stop"];
 /// Elastic joints.
 const JOINT: [&str; 4] = ["backlash", "clearance", "cubic-stiffness", "joint-hysteresis"];
-/// What may be between a command and a torque. With one input and one output, a gain, a lag or a delay of the sensor is
-/// the same, and is not asked about.
+/// Effects between a command and a torque. With one input and one output, a gain, a lag or a delay of the sensor is
+/// equivalent, and is not asked about.
 const COMMAND: [&str; 9] = [
     "actuator-dead-zone",
     "actuator-delay",
@@ -37,13 +37,13 @@ const COMMAND: [&str; 9] = [
     "x-delay-jitter",
     "x-sticking-valve",
 ];
-/// What may be wrong with a sensor that no controller reads. At rates so far above the motion, a few samples that are
+/// Effects of a sensor that no controller reads. At rates so far above the motion, a few samples that are
 /// lost hardly make a gap.
 const SENSOR: [&str; 6] =
     ["sensor-drift", "sensor-noise", "sensor-offset", "sensor-quantisation", "x-sensor-rate-limit", "x-sensor-square"];
-/// What several channels tell apart.
+/// Effects that can be distinguished only with several channels.
 const CHANNELS: [&str; 5] = ["actuator-crosstalk", "sensor-crosstalk", "sensor-delay", "sensor-gain", "sensor-lag"];
-/// What may happen to the reference of a controller.
+/// Effects on the reference of a controller.
 const REFERENCE: [&str; 4] = ["actuator-delay", "actuator-saturation", "actuator-slew-limit", "x-delay-jitter"];
 
 impl PlantKind {

@@ -1,4 +1,4 @@
-//! Small imperfections everywhere, as every real structure has them beside any one cause.
+//! Small imperfections everywhere, which every real structure has in addition to any single cause.
 
 use std::ops::Range;
 
@@ -30,7 +30,7 @@ pub(crate) struct Background {
     pub gap: f64,
 }
 
-/// A kind of effect with the laws that it may follow beside its own.
+/// A kind of effect with the laws that it may follow in addition to its own.
 type Kind = (&'static str, &'static [&'static str]);
 
 const STRUT: [Kind; 6] = [
@@ -88,7 +88,7 @@ const EXCERPT: usize = 1000;
 /// rate.
 const RESIDUAL_HZ: Range<f64> = 420.0..0.475 * STRUCTURE_HZ;
 
-/// What a case's effects are drawn for.
+/// The case for which effects are drawn.
 pub(crate) struct Scene<'a> {
     pub seed: u64,
     pub spec: &'a GapSpec,

@@ -15,7 +15,7 @@ use crate::effects::{Effect, own};
 use crate::streams::{Purpose, stream};
 use crate::{ACTUATOR_POLE_HZ, INPUTS, OUTPUTS};
 
-/// What kind of place an effect takes.
+/// The kind of place that an effect takes.
 enum Place {
     Input,
     InputOrAll,
@@ -26,7 +26,7 @@ enum Place {
     None,
 }
 
-/// The effect of a spec: what it leaves open is drawn.
+/// The effect of a spec; unspecified values are drawn.
 pub(crate) fn drawn(
     seed: u64,
     index: usize,
@@ -146,7 +146,7 @@ fn lacking(kind: &str, place: &Place, channels: Channels) -> Option<&'static str
     }
 }
 
-/// Whether a case has the channels of a place; what is no place at all is found when the effect is made.
+/// Whether a case has the channels of a place; an invalid place is found when the effect is made.
 fn is_there(at: &str, channels: Channels) -> bool {
     at.split("->").all(|part| {
         let most = match part.chars().next() {
@@ -185,7 +185,7 @@ fn random_place(
     }
 }
 
-/// Parameters of a strength that the search then changes; those that are no strength are final.
+/// Parameters of a strength that the search then changes; the others are final.
 fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng: &mut ChaCha12Rng) -> Value {
     let (d, v, y) = (signals.displacement[channel], signals.velocity[channel], signals.output[channel]);
     let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };

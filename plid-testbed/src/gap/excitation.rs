@@ -1,4 +1,4 @@
-//! The records of a case: what is commanded, and when.
+//! The records of a case: the commands and their times.
 
 use std::f64::consts::PI;
 
@@ -104,7 +104,7 @@ fn prime_from(least: usize) -> usize {
     (least.max(2)..).find(is_prime).expect("there are infinitely many")
 }
 
-/// Of each five odd lines one is left out at random: what is found there is no answer to the lines.
+/// Of each five odd lines one is left out at random: a response at that line is not caused by the line itself.
 fn lines(full: [usize; 2], period: usize, seed: u64, index: usize) -> Vec<usize> {
     let mut rng = stream(seed, Purpose::Excitation, (index << 8) | INPUTS);
     let [lowest, highest] = full.map(|line| line * period / PERIOD);

@@ -15,7 +15,7 @@ use crate::{INPUTS, OUTPUTS};
 pub struct Label {
     /// The effects at work; the single effect `none` where there is none.
     pub effects: Vec<LabelledEffect>,
-    /// Whether the nominal simulation is slightly off beside them.
+    /// Whether the nominal simulation is also slightly off.
     pub perturbed: bool,
     /// The gap of the nominal simulation on the held-out record.
     pub gap_sim: f64,
@@ -41,7 +41,8 @@ pub struct Label {
     /// Whether the declared noise is wrong.
     #[serde(skip_serializing_if = "is_default")]
     pub misjudged: bool,
-    /// What is so small beside the effects at work that it is no main cause; none where the truth is else perfect.
+    /// Effects that are too small, compared with the effects at work, to be a main cause; none if the truth has no
+    /// imperfections.
     #[serde(flatten)]
     pub background: Option<LabelledBackground>,
 }
@@ -53,10 +54,10 @@ pub struct LabelledBackground {
     pub imperfect: bool,
     /// The gap that they make together, without noise.
     pub imperfections: f64,
-    /// What they and the noise make of the held-out record without the main effects: the gap of a simulation that has
-    /// none of these effects and whose own parameters are exact.
+    /// The gap that they and the noise cause on the held-out record without the main effects: that of a simulation that
+    /// has none of these effects and whose own parameters are exact.
     pub gap_background: f64,
-    /// The same for the nominal simulation, which has errors of its own.
+    /// This gap for the nominal simulation, whose parameters have errors.
     pub gap_background_as_given: f64,
     /// Each of them, with about the gap that it makes alone; then what the simulation is off by more than the stated
     /// limits.
@@ -89,7 +90,7 @@ pub struct LabelledEffect {
     /// Whether its law is the vocabulary's own equation.
     pub own_equation: bool,
     /// Whether it lies beyond twice what a case lets a simulation be off (0.2 % of a frequency, a tenth of a damping
-    /// ratio), by itself and beside what this simulation is off; always so for what is no nuisance.
+    /// ratio), both by itself and in addition to this simulation's own errors; always true of other effects.
     pub clear_of_nuisance: bool,
     /// The effect as a config's list has it.
     pub config: Option<Effect>,
@@ -244,7 +245,7 @@ fn clear_of_the_axis_s(effect: &Effect, axes: &Axes) -> bool {
     }
 }
 
-/// What a simulation is off by more than the stated limits: frequencies, damping ratios, and poles of actuators, for
+/// Errors of a simulation beyond the stated limits: frequencies, damping ratios, and poles of actuators, for
 /// which no limits are stated.
 pub(crate) fn off_limits(base: &Truss, nominal: &Truss, inputs: usize) -> Vec<LabelledEffect> {
     let off = |effect: &str, loc: usize, par: f64, hz: f64| LabelledEffect {

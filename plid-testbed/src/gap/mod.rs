@@ -69,7 +69,7 @@ pub enum GapError {
     Apart {
         /// The key.
         key: &'static str,
-        /// What it cannot stand beside.
+        /// The key with which it cannot be combined.
         other: &'static str,
         /// Why.
         reason: &'static str,
@@ -97,7 +97,7 @@ pub enum GapError {
     },
 }
 
-/// A record: what was commanded and what was measured.
+/// A record: the commands and the measurements.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GapRecord {
     /// The excitation.
@@ -187,7 +187,7 @@ fn main_effects(scene: &Scene<'_>) -> Result<(Vec<Effect>, Vec<LabelledEffect>),
     Ok((effects, labels))
 }
 
-/// A record of the channels that there are, and what the nominal simulation gives for it.
+/// A record of the selected channels, with the outputs of the nominal simulation for it.
 fn taken(
     config: &TrussConfig,
     spec: &GapSpec,

@@ -1,4 +1,4 @@
-//! What surrounds a plant: the rate, the commands, the sensors and their converters.
+//! The surroundings of a plant: the rate, the commands, the sensors and their converters.
 
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
@@ -41,7 +41,7 @@ const AXIS_HZ: [f64; 5] = [200.0, 250.0, 400.0, 500.0, 1000.0];
 const ENCODERS: f64 = 0.5;
 /// Size of an encoder's code, V.
 const CODE_V: std::ops::Range<f64> = 0.004..0.016;
-/// White noise before an encoder, over its code: what an axis trembles by.
+/// White noise before an encoder, over its step: the trembling of an axis.
 const TREMBLES: f64 = 0.3;
 /// Steps within a sample, of which friction that sticks needs more than other forces do.
 const AXIS_STEPS: usize = 32;

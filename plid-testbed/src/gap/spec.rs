@@ -1,4 +1,4 @@
-//! What a case is to be.
+//! The specification of a case.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,8 +12,8 @@ use crate::{INPUTS, OUTPUTS};
 pub struct GapSpec {
     /// The effects at work; empty for none.
     pub effects: Vec<EffectSpec>,
-    /// Whether the nominal simulation is slightly off beside them: one standard deviation is 0.05 % of a frequency, 3 %
-    /// of a damping ratio and 0.5 % of a shape's entry.
+    /// Whether the nominal simulation is also slightly off: one standard deviation is 0.05 % of a frequency, 3 % of a
+    /// damping ratio and 0.5 % of a shape's entry.
     pub perturbed: bool,
     /// Whether the nominal simulation says where internal forces may act.
     pub ports: bool,
@@ -30,7 +30,7 @@ pub struct GapSpec {
     /// Length of the records over that of full ones; from 0.1 to 1. At 0.16 a record without input has 512 samples. The
     /// multisine's period shortens with it, so that it has six in any case.
     pub length: f64,
-    /// The gap that small effects make together, of random kind, place and size everywhere beside the effects above; 0
+    /// The gap that small effects make together, of random kind, place and size, in addition to the effects above; 0
     /// for none, at most 0.2. With them the noise has coloured and heavy-tailed parts.
     #[serde(skip_serializing_if = "is_zero")]
     pub imperfections: f64,
@@ -103,7 +103,7 @@ pub enum PlantKind {
     Servo,
     /// A mass that no spring holds, in a bearing: force to position.
     Slider,
-    /// The same without a damper: force to speed.
+    /// Such a mass without a damper: force to speed.
     FreeSlider,
     /// A pendulum that is driven at its axis: torque to angle, in radians.
     Pendulum,

@@ -24,7 +24,7 @@ pub(crate) fn gap(y: &Array2<f64>, other: &Array2<f64>) -> f64 {
     (squares.sum::<f64>() / y.ncols() as f64).sqrt()
 }
 
-/// RMS of what effects feel in the held-out record, without effects.
+/// RMS of the signals on which effects act, in the held-out record without effects.
 pub(crate) struct Signals {
     pub displacement: [f64; INPUTS],
     pub velocity: [f64; INPUTS],
@@ -101,8 +101,8 @@ impl Bench<'_> {
         self.near(first, target, Goal::MAIN)
     }
 
-    /// The same without precision and in few trials: the search starts where the effect would be if its gap grew with
-    /// its strength.
+    /// The effect at about the strength that makes the gap, found in few trials: the search starts where the effect
+    /// would be if its gap grew with its strength.
     pub(crate) fn roughly(&self, first: &Effect, target: f64) -> Result<(Effect, f64), GapError> {
         let unscaled = self.gap_of(&self.outputs(&[])?, std::slice::from_ref(first))?;
         let near = unscaled > 0.0 && unscaled.is_finite();

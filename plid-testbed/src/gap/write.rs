@@ -1,4 +1,4 @@
-//! The folders of a case: what a diagnosis may see, and the answer.
+//! The folders of a case: one with the files that a diagnosis may read, and one with the answer.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -200,7 +200,7 @@ fn measured(record: &GapRecord) -> String {
     csv(&[('u', &record.commands), ('y', &record.outputs)])
 }
 
-/// Signals beside each other, each with the letter of its channels.
+/// Signals side by side, each with the letter of its channels.
 fn csv(signals: &[(char, &Array2<f64>)]) -> String {
     let header: Vec<String> = signals.iter().flat_map(|(letter, signal)| names(*letter, signal.ncols())).collect();
     let mut text = header.join(",") + "\n";

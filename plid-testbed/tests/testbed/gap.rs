@@ -55,7 +55,7 @@ fn spec(effects: &[(&str, f64)]) -> GapSpec {
     GapSpec { effects: effects.iter().map(effect).collect(), ports: true, ..GapSpec::default() }
 }
 
-/// The label's gap against the one measured on the records: what the nominal simulation lacks beside the noise.
+/// The label's gap against the one measured on the records: what the nominal simulation lacks in addition to the noise.
 fn check_targets(first_seed: u64, kinds: &[&str]) {
     for (seed, kind) in (first_seed..).zip(kinds) {
         let target = if *kind == "x-varying-damping" { 0.05 } else { 0.1 };
@@ -294,12 +294,12 @@ fn what_a_nuisance_takes_back_does_not_count() {
     };
     let (mut taken_back, mut both) = (0, 0);
     for seed in 1..40 {
-        let (alone, beside) = (drawn(seed, false), drawn(seed, true));
-        assert_eq!(alone.par, beside.par, "seed {seed}");
+        let (alone, perturbed) = (drawn(seed, false), drawn(seed, true));
+        assert_eq!(alone.par, perturbed.par, "seed {seed}");
         assert_eq!(alone.clear_of_nuisance, alone.par[0].ln().abs() > 0.2, "seed {seed}");
-        assert!(alone.clear_of_nuisance || !beside.clear_of_nuisance, "seed {seed}");
-        taken_back += usize::from(alone.clear_of_nuisance && !beside.clear_of_nuisance);
-        both += usize::from(beside.clear_of_nuisance);
+        assert!(alone.clear_of_nuisance || !perturbed.clear_of_nuisance, "seed {seed}");
+        taken_back += usize::from(alone.clear_of_nuisance && !perturbed.clear_of_nuisance);
+        both += usize::from(perturbed.clear_of_nuisance);
     }
     assert!(taken_back > 0 && both > taken_back, "{taken_back} taken back, {both} clear");
 }

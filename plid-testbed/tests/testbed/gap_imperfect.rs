@@ -1,4 +1,4 @@
-//! Truths that are imperfect in many small ways beside the main cause.
+//! Truths that are imperfect in many small ways in addition to the main cause.
 
 use std::collections::BTreeSet;
 

@@ -1,5 +1,5 @@
-//! What each step of the diagnosis is worth: the same cases once more with one step off at a time, blind as before, and
-//! scored by the same judge.
+//! The contribution of each step of the diagnosis: the same cases again with one step off at a time, blind as before,
+//! and scored by the same judge.
 
 mod report;
 
@@ -104,7 +104,7 @@ fn single(line: &Line) -> bool {
     line.asked == Asked::Single
 }
 
-/// One effect: it alone is named, at its place. Several: all are named and no other. Nothing: nothing is. Outside: kept
+/// One effect: only it is named, at its place. Several: all are named and no other. None: none is named. Outside: kept
 /// open.
 fn right(line: &Line) -> bool {
     let judged = &line.judged[0];
@@ -184,7 +184,7 @@ impl Without {
     }
 }
 
-/// Scores the answers with each of `steps` off beside the trial's own; writes ablation.json and report.html into `out`.
+/// Scores the answers with each of `steps` off and the trial's own; writes ablation.json and report.html into `out`.
 ///
 /// # Errors
 /// As [`crate::score()`]; [`TrialError::Changed`] also where the trial's own answer is not the one that this program

@@ -92,15 +92,15 @@ fn picture(report: Report, ablation: &Ablation) -> Report {
     report.heading("The effect of switching a step off").figure(
         svg,
         "A step contributes if, without it, exact names or the 95 % set move left, or wrong names and false alarms \
-         move right. The lines are 95 % intervals of the paired difference; each of gained and lost is within \
-         its own 97.5 % interval (Clopper-Pearson), so they are rather too long.",
+         move right. The lines are 95 % intervals of the paired difference. They are conservative, because they \
+         combine 97.5 % intervals (Clopper-Pearson) of the gains and of the losses.",
     )
 }
 
 fn figures(report: Report, ablation: &Ablation) -> Report {
     let mut table = Table::new(
-        "All cases. Better, worse: cases that are answered correctly only without the step, or only with it; p is that \
-         of the sign test. Seconds for a case (median), without baselines.",
+        "All cases. Better: cases answered correctly only without the step; worse: only with it; p is that of the sign \
+         test. Time: median seconds for a case, without baselines.",
     )
     .column("off", "")
     .column("answers changed", "")
@@ -156,7 +156,7 @@ fn count(rate: &Rate) -> Cell {
 }
 
 fn by_name(report: Report, ablation: &Ablation) -> Report {
-    let mut table = Table::new("Cases that a step changes, by what is counted.")
+    let mut table = Table::new("Cases that a step changes, by figure.")
         .column("off", "")
         .column("figure", "")
         .column("of", "")

@@ -17,13 +17,13 @@ use crate::judge::Claim;
 use linear::Linear;
 use sparse::Sparse;
 
-/// The content of baselines.json: the answers of the baselines, and what their predictions require.
+/// The content of baselines.json: the answers of the baselines, and the data that their predictions require.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Baselines {
     /// The candidates of the diagnosis ranked by BIC, without a test of whether the best is adequate.
     pub ranking: Claim,
-    /// The same ranking for the second answer.
+    /// This ranking for the second answer.
     pub ranking_left_out: Option<Claim>,
     /// The baselines that require a simulation.
     pub fitted: Option<Fitted>,

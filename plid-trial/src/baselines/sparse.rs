@@ -148,7 +148,7 @@ pub(super) fn regress(problem: &Problem) -> Sparse {
         }
         let trace = DVector::from_vec(trace);
         let length = trace.norm();
-        // What diverges or does nothing is no regressor.
+        // A term that diverges or does nothing is not a regressor.
         if length.is_finite() && length > 0.0 {
             lengths[j] = length;
             traces.set_column(j, &(trace / length));

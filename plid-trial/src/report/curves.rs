@@ -78,9 +78,9 @@ pub(super) fn first(report: Report, scores: &Scores) -> Report {
     };
     report.heading("Power against strength").figure(
         svg,
-        "Single effects. Above: the effect was named, and nothing else. Below: the first name was stated with a \
-         probability of 0.9 or more, and wrong. Sparse regression and linear refit state no probability: what they \
-         name counts as certain. The band is plid's 95 % interval (Clopper-Pearson).",
+        "Single effects. Above: exactly the true effect was named. Below: the first name was wrong but stated with a \
+         probability of 0.9 or more. Sparse regression and linear refit state no probability, so the effects that \
+         they name count as certain. The band is plid's 95 % interval (Clopper-Pearson).",
     )
 }
 
@@ -169,13 +169,13 @@ pub(super) fn calibrated(report: Report, scores: &Scores) -> Report {
     let Some(svg) = reliability(scores) else { return report };
     let caption = match (scores.main_cause.first(), scores.totals(ALL, ALL, 0)) {
         (Some(all), _) => format!(
-            "Cases with imperfect truths, by ten equal intervals of the stated probability. First explanations: {}. \
+            "Cases with imperfect truths, in ten equal bins of the stated probability. First explanations: {}. \
             Effects that are named, each at its place: {}. The band is their 95 % interval (Clopper-Pearson).",
             figures(&all.explanations),
             figures(&all.statements)
         ),
         (None, Some(totals)) => {
-            format!("All cases, by ten equal intervals of the stated probability. {}.", figures(&totals.calibration))
+            format!("All cases, in ten equal bins of the stated probability. {}.", figures(&totals.calibration))
         }
         (None, None) => return report,
     };

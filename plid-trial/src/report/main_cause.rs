@@ -5,7 +5,7 @@ use plid_report::{Report, Table};
 use super::{cell, number, share, words};
 use crate::scores::Scores;
 
-/// What was found, in sentences.
+/// The results in sentences.
 pub(super) fn sentences(scores: &Scores) -> Vec<String> {
     let Some(all) = scores.main_cause.first() else { return Vec::new() };
     vec![
@@ -23,7 +23,7 @@ pub(super) fn section(report: Report, scores: &Scores) -> Report {
     if scores.main_cause.is_empty() {
         return report;
     }
-    let mut table = Table::new("Truths with small imperfections beside the main cause, per cent with 95 % intervals.")
+    let mut table = Table::new("Cases with a main cause and small imperfections (per cent, 95 % intervals).")
         .column("cases", "")
         .column("", "")
         .column("number", "")

@@ -31,7 +31,7 @@ pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
     report
         .listing("The trial:", to_toml(config))
         .listing(
-            "The commands, in a process each:",
+            "The commands, each run in its own process:",
             format!(
                 "plid gap trial draw TRIAL.toml --out T --sealed S --seed {}\nplid gap trial diagnose T\nplid gap \
                  trial score T --sealed S{}",
@@ -42,7 +42,7 @@ pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
         .provenance("diagnosed by", scores.program.as_ref().map_or("nobody".to_owned(), ToString::to_string))
         .provenance("drawn by", scores.drawn_by.to_string())
         .provenance("SHA-256 of all answers, fixed before any label was opened", &scores.answers_sha256)
-        .provenance("seconds of diagnosis in all", format!("{:.0}", scores.time.total_s))
+        .provenance("total time of the diagnosis in seconds", format!("{:.0}", scores.time.total_s))
 }
 
 fn sentences(scores: &Scores) -> Vec<String> {

@@ -44,8 +44,8 @@ fn parts(report: Report, scores: &Scores) -> Report {
         return report;
     }
     let mut table = Table::new(format!(
-        "The same figures where less is recorded, each with its cases. Of the whole trial, single effects are those \
-         that are {WHOLE}."
+        "The same figures for reduced experiments, with the number of cases. In the column of the whole trial, single \
+         effects are those that are {WHOLE}."
     ))
     .column("figure", "")
     .column("whole trial", "");
@@ -122,7 +122,7 @@ fn answerers(report: Report, scores: &Scores) -> Report {
         let cells = all.iter().map(|(_, t)| number(read(t), 2));
         table = table.row([name.into()].into_iter().chain(cells).chain([dash()]));
     }
-    report.heading("Beside the baselines").table(table).paragraph(
+    report.heading("Compared with the baselines").table(table).paragraph(
         "BIC alone: the candidates that the diagnosis fitted, ranked by BIC without any test of adequacy; it predicts \
          with plid's simulation. Sparse regression: thresholded least squares on monomials of commands, outputs and \
          motions at the ports. Linear refit: all modes almost without bounds; it names the frequency or damping that \
@@ -254,5 +254,5 @@ fn nuisances(report: Report, scores: &Scores) -> Report {
             number(t.shrink_median, 2),
         ]);
     }
-    report.heading("What breaks it").table(table)
+    report.heading("Sensitivity to nuisances").table(table)
 }

@@ -314,7 +314,7 @@ fn shards_that_make_no_whole_are_named_by_number() {
     let shard = |i: usize| t.join(format!("shards/{i}-of-3"));
     assert_eq!(said(&[shard(2)]), "shards 1, 3 of 3 are missing");
     let twice = said(&[shard(1), shard(2), shard(2), shard(3)]);
-    assert!(twice.starts_with("shard 2 of 3 is there twice"), "{twice}");
+    assert!(twice.starts_with("shard 2 of 3 is given twice"), "{twice}");
     trial.diagnose(Some("1/2"), 1);
     assert!(said(&[]).contains("is one of 3, but others are of 2"));
     fs::remove_dir_all(t.join("shards/1-of-2")).unwrap();

@@ -142,7 +142,7 @@ impl<S: Kernels> Corner<S> {
         if !(0..n).any(lost) {
             return Ok(Laid { columns: 2 * n, triangular: true });
         }
-        // Where w tells all of v and xi, nothing but rounding of either sign is left of a pivot: then the pivots have
+        // Where w determines v and xi completely, only rounding of either sign is left of a pivot: then the pivots have
         // to be sought.
         for c in 0..n {
             self.qbar.column_mut(c).copy_from_slice(qbar.column(c));

@@ -1,4 +1,4 @@
-//! P as a triangular factor. What the factored forms share is here; what sets them apart is a rule.
+//! P as a triangular factor. The common parts of the factored forms are here; their differences are in a rule.
 
 use std::marker::PhantomData;
 

@@ -11,7 +11,7 @@ use plid_core::{
 
 use super::factor_initial;
 
-/// What a correction of P by k outputs starts from.
+/// The inputs of a correction of P by k outputs.
 #[derive(Clone, Copy, Debug)]
 pub struct Innovations<'a, S> {
     /// P H^T with P as the corrections before this one have left it, N x k.
@@ -41,7 +41,7 @@ pub trait UpdateRule: Clone + Send + Sync + 'static {
 /// P as a symmetric matrix with measurement update `R`.
 #[derive(Clone, Debug)]
 pub struct Symmetric<B: Backend, R> {
-    /// N x N, the lower triangle; zeros stand above it, which the block product relies on.
+    /// N x N, the lower triangle; the upper triangle is zero, which the block product relies on.
     p: B::Matrix,
     n: usize,
     rule: PhantomData<R>,
@@ -350,8 +350,8 @@ fn update_flops(size: &StepSize, corrections: f64) -> Vec<Term> {
     ]
 }
 
-/// A symmetric block has n (n + 1) / 2 entries that count; one beside the diagonal n^2, and the sum of those is added
-/// to its transpose.
+/// A symmetric block on the diagonal has n (n + 1) / 2 entries that count. A block off the diagonal has n^2, and the
+/// sum of these blocks is added to its transpose.
 fn block_flops(size: &StepSize, pairs: f64) -> Vec<Term> {
     let (n, c) = (size.n, size.columns());
     let mirrored = if pairs > 0.0 { n * n } else { 0.0 };

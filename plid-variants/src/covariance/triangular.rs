@@ -16,7 +16,7 @@ use super::parameter_blocks::ParameterBlocks;
 /// The factors and the scratch of their updates.
 #[derive(Clone, Debug)]
 pub struct Triangular<B: Backend> {
-    /// Where U stands in `u`.
+    /// The layout of U in `u`.
     pub layout: PanelLayout,
     /// U in panels.
     pub u: B::Matrix,

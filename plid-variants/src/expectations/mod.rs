@@ -138,7 +138,8 @@ fn noise_flops(size: &StepSize, _form: &FormFacts) -> Vec<Term> {
     vec![Term { what: "B Q' B^T", flops: 2.0 * size.m * size.n * size.n }]
 }
 
-/// The same, and the blocks of P. Pairs of parameter columns count where their noises are correlated.
+/// The terms of [`noise_flops`], and the blocks of P. Pairs of parameter columns count where their noises are
+/// correlated.
 fn unconditioned_flops(size: &StepSize, form: &FormFacts) -> Vec<Term> {
     let c = size.columns();
     let pairs = if size.full_noise { c * (c - 1.0) / 2.0 } else { 0.0 };

@@ -32,7 +32,7 @@ fn dyer_mcreynolds_by_form() {
     }
 }
 
-/// With e^2 below roundoff the conventional update gives a matrix that is no covariance, or gives up; the others are
+/// With e^2 below roundoff the conventional update gives a matrix that is not a covariance, or gives up; the others are
 /// right.
 #[test]
 fn bierman_two_by_two_by_form() {

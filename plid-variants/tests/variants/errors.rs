@@ -1,4 +1,4 @@
-//! What cannot be is refused, by step, channel and pivot.
+//! Invalid values are errors that name step, channel and pivot.
 
 use plid_backends::{Faer, Nalgebra, Plain};
 use plid_core::kernels::Kernels;
@@ -29,7 +29,7 @@ fn data_that_are_not_finite_are_named<S: Kernels>(variant: &Variant<S>) {
     };
     not_finite(run.step(&[0.0, f64::NAN], &[0.0; 2]), "output 2");
     not_finite(run.step(&[f64::INFINITY, 0.0], &[0.0; 2]), "output 1");
-    // An infinite output is no missing one, and an input cannot be missing.
+    // An infinite output is not a missing one, and an input cannot be missing.
     not_finite(run.step_with_missing(&[0.0, f64::NEG_INFINITY], &[0.0; 2]), "output 2");
     not_finite(run.step_with_missing(&[0.0; 2], &[f64::NAN, 0.0]), "input 1");
     not_finite(run.step(&[0.0; 2], &[0.0, f64::INFINITY]), "input 2");

@@ -4,7 +4,7 @@ use plid_trial::merge;
 
 use super::{Failure, Voice, voice};
 
-/// Join the answers of all shards into T/answers.
+/// Merge the answers of all shards into T/answers.
 ///
 /// Each shard must be complete and present exactly once; the error names the number of one that is not.
 #[derive(clap::Args)]

@@ -47,7 +47,7 @@ enum Step {
     Ablate(ablate::Arguments),
 }
 
-/// A trial with its answers, and what was withheld.
+/// A trial with its answers, and the withheld files.
 #[derive(clap::Args)]
 struct Answered {
     /// The folder with the cases and the answers.

@@ -46,11 +46,11 @@ pub struct Check {
 pub struct Rig {
     /// The structure in physical form.
     pub truss: Truss,
-    /// The same in a random basis, as in model.json.
+    /// The structure in a random basis, as in model.json.
     pub model: Model,
-    /// The same as plid-gap decomposes it.
+    /// The structure as plid-gap decomposes it.
     pub plant: Plant,
-    /// The properties of the same that effects use.
+    /// The properties of the structure that effects use.
     pub setting: Setting,
     /// White noise of unit RMS.
     pub u: Channels,
@@ -64,7 +64,7 @@ impl Rig {
         Self::with(seed, |_| {})
     }
 
-    /// Creates the same with a change before the simulation is made.
+    /// Creates three modes with a change before the simulation is made.
     pub fn with(seed: u64, change: impl FnOnce(&mut Truss)) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut truss = Truss::draw(&MODES, &mut rng);
@@ -122,7 +122,7 @@ fn checks() -> impl Iterator<Item = &'static Check> {
 fn every_effect_agrees_with_an_independent_answer() {
     let library = Library::standard();
     for check in checks() {
-        assert!(library.get(check.effect).is_some(), "{} is no effect", check.effect);
+        assert!(library.get(check.effect).is_some(), "{} is not an effect", check.effect);
     }
     let effects: Vec<&dyn Effect> = library.effects().collect();
     let found: Vec<(&str, Option<(f64, f64)>)> = effects

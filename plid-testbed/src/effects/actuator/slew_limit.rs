@@ -26,10 +26,10 @@ pub struct ActuatorSlewLimit {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SlewLaw {
-    /// At R until it is there.
+    /// Moves at rate R until the target is reached.
     #[default]
     Hard,
-    /// du'/dt = R tanh((u - u') / e) with e of 0.1 V: slower as it comes near.
+    /// du'/dt = R tanh((u - u') / e) with e = 0.1 V: slower near the target.
     Soft,
 }
 
@@ -42,7 +42,7 @@ struct Slewing {
     voltage: f64,
 }
 
-/// What is left to go after `t`, where `left` was to go at first.
+/// The distance to the target after `t`, where it was `left` at first.
 fn remaining(law: SlewLaw, left: f64, rate: f64, t: f64) -> f64 {
     let size = match law {
         SlewLaw::Hard => (left.abs() - rate * t).max(0.0),

@@ -1,4 +1,4 @@
-//! A band of noise that shakes the structure: stationary, of its own in every record.
+//! A band of noise that shakes the structure: stationary, and different in every record.
 
 use std::f64::consts::PI;
 

@@ -11,7 +11,7 @@ use crate::error::TestbedError;
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
 
-/// Each command acts after a delay of its own, uniform from 0 to tau.
+/// Each command acts after a separate delay, uniform from 0 to tau.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DelayJitter {

@@ -19,12 +19,12 @@ pub struct SensorDropout {
     pub at: Output,
     /// Mean rate of onsets, 1/sample; from 0 to 1.
     pub onsets_per_sample: f64,
-    /// What is seen meanwhile.
+    /// The reading during a dropout.
     #[serde(default)]
     pub law: DropoutLaw,
 }
 
-/// What is seen of a line that fails.
+/// The reading of a line that fails.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DropoutLaw {

@@ -23,7 +23,7 @@ pub struct MainsHum {
     /// phi, rad.
     #[serde(default)]
     pub phase_rad: f64,
-    /// Beside the first.
+    /// Harmonics in addition to the fundamental.
     #[serde(default)]
     pub harmonics: Vec<Harmonic>,
 }

@@ -9,7 +9,7 @@ use crate::effects::place::Input;
 use crate::effects::shapes::Gap;
 use crate::error::TestbedError;
 
-/// f = k d where |d| < g, k g sign(d) beyond: what takes the joint's own spring k away.
+/// f = k d where |d| < g, k g sign(d) beyond: the force that cancels the joint's own spring k.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Backlash {
@@ -19,7 +19,7 @@ pub struct Backlash {
     pub stiffness: f64,
     /// g, V; positive.
     pub gap_v: f64,
-    /// The curve of what the spring still does.
+    /// The curve of the remaining spring force.
     #[serde(default)]
     pub law: Gap,
 }

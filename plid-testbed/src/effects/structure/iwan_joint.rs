@@ -72,7 +72,7 @@ struct Remembering {
 }
 
 impl Remembering {
-    /// Returns the turn that a motion from here to `d` makes at once, if it goes back.
+    /// Returns the turn that a motion from here to `d` makes immediately, if it goes back.
     fn turn(&self, d: f64) -> Option<Turn> {
         let from = self.turns.last().map_or(0.0, |turn| turn.d);
         ((self.now.d - from) * (d - self.now.d) < 0.0).then_some(self.now)

@@ -28,7 +28,7 @@ pub enum QuadraticLaw {
     /// -k d^2
     #[default]
     Quadratic,
-    /// -k d^2 where d is positive, else nothing
+    /// -k d^2 where d is positive, and zero elsewhere
     OneSided,
 }
 

@@ -44,7 +44,7 @@ pub enum StickLaw {
 struct Sticking {
     port: StrutPort,
     friction: StickFriction,
-    /// A b, with b for what a force of 1 V adds to dx/dt.
+    /// A b, where b is the contribution of a force of 1 V to dx/dt.
     later: Vec<f64>,
 }
 

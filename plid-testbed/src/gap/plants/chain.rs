@@ -10,7 +10,7 @@ use crate::structure::{Mode, ModeGroup};
 
 /// From the motor to the load; a stage's ratio divides what follows by its square, and its wheels are heavy.
 const INERTIAS: [f64; 7] = [1.0, 0.6, 0.4, 1.2, 0.5, 0.8, 1.5];
-/// What the shaft before each may differ by, relative.
+/// Largest relative difference of the shaft before each.
 const SCATTER: f64 = 0.1;
 /// Lowest frequency about which is drawn, Hz.
 const FIRST_HZ: f64 = 24.0;

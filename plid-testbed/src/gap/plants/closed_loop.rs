@@ -37,7 +37,7 @@ pub(super) fn of_arm(rng: &mut ChaCha12Rng) -> Layout {
     held(arm, rate_hz, frequency, rng)
 }
 
-/// Each axis under a controller of its own, with gains for the axis alone. The output is in the unit of the reference.
+/// Each axis has its own controller, with gains for the axis alone. The output is in the unit of the reference.
 fn held(axes: Axes, rate_hz: f64, frequency: f64, rng: &mut ChaCha12Rng) -> Layout {
     let w = TAU * frequency * rate_hz;
     let ratio = rng.random_range(DAMPING_RATIO);
