@@ -151,7 +151,7 @@ impl Said<'_> {
 
     fn all_noise(&self) -> String {
         format!(
-            "{}: it is noise that no simulation predicts, {} of the output, of a gap of {}.",
+            "{}: unpredictable noise makes up {} of the output; the total gap is {}.",
             self.all(),
             percent(self.gap.noise_floor),
             percent(self.gap.as_given),
@@ -159,9 +159,8 @@ impl Said<'_> {
     }
 
     fn mostly_noise(&self, remains: &str) -> String {
-        let they = if self.effects.len() == 1 { "it makes" } else { "they make" };
         format!(
-            "Mostly {}, which no simulation predicts: {they} a gap of {}, of {} in all.{remains}",
+            "Mostly {}: unpredictable noise makes a gap of {}; the total gap is {}.{remains}",
             self.all(),
             percent(self.noise_alone.unwrap_or(self.gap.noise_floor)),
             percent(self.gap.as_given),

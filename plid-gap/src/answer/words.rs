@@ -104,14 +104,13 @@ fn limits(explained: &Explained) -> Vec<String> {
     let imperfect = explained.ready.widened.map(|scale| {
         format!(
             "No explanation leaves only noise, so the residual of the best one is treated as an error of the \
-            simulation itself. Most of the simulation's parameters are off by {scale:.1} times the limits that the \
-            case states."
+            simulation itself. Typical parameter errors are {scale:.1} times the limits that the case states."
         )
     });
     let unpredicted = explained.unpredicted.as_ref().map(|noise| {
         format!(
-            "No record shows the noise level. The inputs predict at most {} of the innovations of what remains, by any \
-            polynomial that was tried, so it counts as noise.",
+            "No record shows the noise level. Polynomials of the inputs predict at most {} of the innovations of the \
+            remainder, which is therefore treated as noise.",
             percent(noise.at_most)
         )
     });
@@ -119,14 +118,14 @@ fn limits(explained: &Explained) -> Vec<String> {
         let effects = in_words(effects, names);
         match why {
             Refusal::Diverges(record) => {
-                format!("{effects} came nearest, but its free run of `{record}` diverges, so it was rejected.")
+                format!("{effects} fitted best, but its simulation of `{record}` diverges, so it was rejected.")
             }
-            Refusal::FitsNoise => format!(
-                "{effects} fitted the noise of the other records: it does not explain those that were held out."
-            ),
+            Refusal::FitsNoise => {
+                format!("{effects} was rejected as overfitting: it does not explain the records that were held out.")
+            }
             Refusal::BesideNoise => format!(
-                "Beside the noise-like effects, {effects} came nearest, but it leaves most of what they do not account \
-                for, so it is not named."
+                "In addition to the noise-like effects, {effects} fitted best, but most of the remaining gap is left, \
+                so it is not named."
             ),
         }
     });

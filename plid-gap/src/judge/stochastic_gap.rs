@@ -89,7 +89,7 @@ fn of_dropouts(explained: &Explained, o: usize) -> f64 {
 impl<'a> Explained<'a> {
     /// Replaces an explanation by the refit if it leaves too much of the gap beyond noise and limits to be credible,
     /// while stochastic effects make most of what the refit leaves. The simulation is imperfect, but its main fault is
-    /// then one that no free run shows, and something else is as probable as if a fit left what remains beside it.
+    /// then one that no free run shows, and something else is as probable as if a fit left what remains.
     pub(crate) fn leave_to_noise(mut self, stochastic: &[Stochastic<'a>], rules: &Rules, material: f64) -> Self {
         let problem = &self.ready.problem;
         let settings = &problem.settings.judge;
@@ -140,7 +140,7 @@ mod tests {
     /// The noise of a sensor is the main cause, although the simulation also lacks products of one channel with the
     /// past of the other, which no effect explains. If the products are larger, something else remains the answer.
     #[test]
-    fn noise_is_the_main_cause_beside_small_imperfections_and_not_beside_large_ones() {
+    fn noise_is_the_main_cause_with_small_imperfections_and_not_with_large_ones() {
         let library = Library::standard();
         for (noise, product, verdict) in [(0.25, 0.05, Verdict::Effects), (0.05, 0.3, Verdict::Unknown)] {
             let sim = testing::truss(1);
@@ -165,7 +165,7 @@ mod tests {
                 assert_eq!((first.effect.as_str(), first.location.as_str()), ("sensor-noise", "output:y1"));
                 let std = first.parameters.values().next().unwrap().value;
                 assert!((std / (noise * size[0]) - 1.0).abs() < 0.1, "{std}");
-                assert!(diagnosis.sentence.contains("which no simulation predicts"), "{}", diagnosis.sentence);
+                assert!(diagnosis.sentence.contains("unpredictable noise makes a gap of"), "{}", diagnosis.sentence);
             }
         }
     }

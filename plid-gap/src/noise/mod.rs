@@ -71,7 +71,7 @@ impl Stretch {
     }
 }
 
-/// Returns whether an output is constant in all stretches, beside noise of this variance.
+/// Returns whether an output is constant in all stretches, compared with noise of this variance.
 pub fn is_constant(stretches: &[Stretch], o: usize, variance: f64) -> bool {
     let power = |stretch: &Stretch| stretch.bins[o].iter().map(C::norm_sqr).sum::<f64>();
     stretches.iter().all(|stretch| power(stretch) <= CONSTANT * variance * stretch.bins[o].len() as f64)
