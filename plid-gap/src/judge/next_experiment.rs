@@ -265,7 +265,7 @@ mod tests {
         assert_eq!(Asked::new(problem, &ready.noise, &soft[0], &stiff).gain(&four), None);
         let apart = [cubic(problem, -1.0)];
         let said = Asked::new(problem, &ready.noise, &apart[0], &stiff).proposal("a from b");
-        assert!(said.starts_with("No tested experiment is safe"), "{said}");
+        assert!(said.starts_with("No experiment that was tested to distinguish a from b is safe"), "{said}");
     }
 
     /// An offset and a drift differ without any input. So small a drift takes the longer record.

@@ -281,7 +281,7 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "something outside the vocabulary",
         "cubic-stiffness@input:u1; clearance@input:u1",
         // Whether the records could separate them.
-        "if cubic-stiffness@input:u1 is at work",
+        "if cubic-stiffness@input:u1 is the true cause",
         "65.4",
         "0.9871",
         "481.5",
