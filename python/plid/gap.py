@@ -163,10 +163,35 @@ class Diagnosis:
         return self._core.predict(self._simulator, given, start_s)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write report.html, diagnosis.json and sim-with-effect.json to a folder, and return the path of the report."""
-        folder = Path(path)
-        self._core.write(folder)
-        return folder / "report.html"
+        """Write the report: a page for a browser, which needs no other file.
+
+        Parameters
+        ----------
+        path : path
+            A folder, which receives report.html, diagnosis.json and sim-with-effect.json. If the path ends in .html,
+            the page alone is written to this file.
+
+        Returns
+        -------
+        pathlib.Path
+            The page.
+
+        Raises
+        ------
+        OSError
+            If the files cannot be written. Those of an earlier diagnosis then stay as they were.
+
+        Examples
+        --------
+        >>> diagnosis.report("out/gap")
+        >>> diagnosis.report("gap.html")
+        """
+        path = Path(path)
+        if path.suffix.lower() == ".html":
+            self._core.write_page(path)
+            return path
+        self._core.write(path)
+        return path / "report.html"
 
     def __str__(self) -> str:
         return self._core.text().rstrip()

@@ -116,6 +116,11 @@ impl Outcome {
         self.answered.write(&self.case, &folder).map_err(|error| of_gap(&error))
     }
 
+    /// Writes the report alone to a file.
+    fn write_page(&self, file: PathBuf) -> PyResult<()> {
+        self.answered.write_page(&self.case, &file).map_err(|error| of_gap(&error))
+    }
+
     /// Predicts the outputs of the simulator with the effects.
     fn predict<'py>(
         &self,

@@ -1,5 +1,6 @@
 """Diagnoses with simulators of Python in the loop. The truths have effects that the simulators lack."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -87,6 +88,21 @@ def test_a_report_is_written(saturated, tmp_path):
     page = saturated.report(tmp_path / "out")
     assert saturated.sentence[:30] in page.read_text()
     assert {path.name for path in page.parent.iterdir()} == {"report.html", "diagnosis.json", "sim-with-effect.json"}
+
+
+def test_a_report_may_be_one_page(saturated, tmp_path):
+    page = saturated.report(tmp_path / "gap.html")
+    assert page == tmp_path / "gap.html" and list(tmp_path.iterdir()) == [page]
+    text = page.read_text()
+    assert text == saturated.report(tmp_path / "out").read_text() and text.endswith("</html>")
+    # Nothing is loaded from elsewhere.
+    assert "<svg" in text and not re.search(r"<(script|link|img|iframe)\b|url\((?!#)|@import", text)
+    with pytest.raises(OSError, match="missing.gap.HTML"):
+        saturated.report(tmp_path / "missing" / "gap.HTML")
+    (tmp_path / "folder.html").mkdir()
+    with pytest.raises(OSError, match="folder.html"):
+        saturated.report(tmp_path / "folder.html")
+    assert {path.name for path in tmp_path.iterdir()} == {"gap.html", "out", "folder.html"}
 
 
 def test_a_notebook_shows_the_answer(saturated):

@@ -152,4 +152,17 @@ impl Answered {
             Self::InLoop(outcome) => report::write(outcome, case, folder),
         }
     }
+
+    /// Writes the report alone to a file, whole or not at all. The page needs no other file.
+    ///
+    /// # Errors
+    /// [`GapError::NotFinite`] with a number of the diagnosis that is not finite; [`GapError::Io`] with the file.
+    pub fn write_page(&self, case: &Case, file: &Path) -> Result<(), GapError> {
+        self.diagnosis().map_err(|source| GapError::NotFinite { file: file.into(), source })?;
+        let page = match self {
+            Self::ByModel(found) => crate::report::page(&found.0, case),
+            Self::InLoop(outcome) => report::page(outcome, case),
+        };
+        page.write(file).map_err(|source| GapError::Io { file: file.into(), source })
+    }
 }
