@@ -9,6 +9,7 @@ import dataclasses
 import html
 import json
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -155,12 +156,21 @@ class Diagnosis:
         -------
         ndarray, shape (samples, p)
             The outputs.
+
+        Warns
+        -----
+        UserWarning
+            If the inputs, or the motion at a port, clearly exceed those of the fitted records: the effects were not
+            seen there.
         """
         given = channels(u, "u").samples
         expected = len(self._simulator.inputs)
         if given.shape[1] != expected:
             raise ValueError(f"u has the shape {given.shape}, expected (samples, {expected})")
-        return self._core.predict(self._simulator, given, start_s)
+        outputs, warning = self._core.predict(self._simulator, given, start_s)
+        if warning is not None:
+            warnings.warn(warning, stacklevel=2)
+        return outputs
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the report: a page for a browser, which needs no other file.

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -84,6 +85,15 @@ def test_a_prediction_has_the_effect(saturated):
         saturated.predict(np.zeros((5, 2)))
 
 
+def test_a_prediction_beyond_what_was_fitted_warns(saturated):
+    u = command(9, 8.0)[:, None]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        saturated.predict(0.5 * u)
+    with pytest.warns(UserWarning, match=r"beyond what was fitted: input `u1` is \d+\.\d times that of the fitted"):
+        saturated.predict(4.0 * u)
+
+
 def test_a_report_is_written(saturated, tmp_path):
     page = saturated.report(tmp_path / "out")
     assert saturated.sentence[:30] in page.read_text()
@@ -134,6 +144,10 @@ def test_friction_is_named_at_its_port():
     assert first(diagnosis)[0] == "coulomb-friction" and lines
     force = next(iter(diagnosis.effects[0].parameters.values()))
     assert 1.0 < force["value"] < 2.0
+    u = measured(rubbed)[1][0]
+    assert_allclose(diagnosis.predict(u), rubbed(u), atol=1e-3)
+    with pytest.warns(UserWarning, match=r"beyond what was fitted: .* is \d+\.\d times that of the fitted records"):
+        diagnosis.predict(3.0 * u)
 
 
 def test_a_wrong_parameter_is_named():

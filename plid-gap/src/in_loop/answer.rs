@@ -6,6 +6,7 @@ use plid_report::percent;
 use plid_simulator::Description;
 use serde::{Deserialize, Serialize};
 
+use crate::answer::range::FittedRange;
 use crate::answer::schema::{Change, Explanation, Located, NamedEffect, Remainder, Used, Value, Where, WrittenEffect};
 use crate::case::FmuSource;
 use crate::fit::candidate::{in_words, joined};
@@ -97,8 +98,11 @@ pub struct SimulatorWithEffects {
     pub t0: f64,
     /// RMS of the noise of each output, in its unit.
     pub noise_rms: Vec<f64>,
-    /// The gap that is expected on new records.
+    /// The gap that is expected on new records of the level of the loudest fitted one.
     pub expected_gap: f64,
+    /// The range of the fitted records; files of former versions do not have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fitted: Option<FittedRange>,
 }
 
 /// The response of a port to a force.

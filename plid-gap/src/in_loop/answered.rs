@@ -5,7 +5,7 @@ use std::path::Path;
 use plid_file::{NotFinite, to_json};
 use plid_simulator::{Checked, Simulator};
 
-use crate::answer::predict::Predictor;
+use crate::answer::predict::{Prediction, Predictor};
 use crate::answer::schema::Used;
 use crate::case::Case;
 use crate::case::levels::loudest;
@@ -129,11 +129,11 @@ impl Answered {
         library: &Library,
         u: &[Vec<f64>],
         t0: f64,
-    ) -> Result<Channels, GapError> {
+    ) -> Result<Prediction, GapError> {
         match self {
             Self::ByModel(found) => {
                 let written = found.0.simulation.clone();
-                Ok(Predictor::new(written, library, Path::new("the diagnosis"))?.predict(u, t0)?.outputs)
+                Predictor::new(written, library, Path::new("the diagnosis"))?.predict(u, t0)
             }
             Self::InLoop(outcome) => {
                 let predictor = LoopPredictor::new(outcome.simulation.clone()).map_err(GapError::Failed)?;

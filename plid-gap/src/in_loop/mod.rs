@@ -150,9 +150,7 @@ pub fn diagnose_in_loop(
     let judged = judge(&search, &problem, &found, &settings.judge);
     let opened = Opened { case, problem: &problem, noise: &noise, held_out: &held_out };
     let measured = opened.measure(&mut runs, &found, &judged)?;
-    // The limits are the case's, and no part of the simulator that a prediction runs.
-    let own = runs.description().clone();
-    let simulation = opened.simulation(&found, &judged, own, written_ports, measured.gap.predicted_held_out_gap);
+    let simulation = opened.simulation(&mut runs, &found, &judged, written_ports, &measured.gap)?;
     Ok(opened.outcome(
         &Told { runs: &runs, search: &search, found: &found, judged: &judged, warnings },
         &measured,

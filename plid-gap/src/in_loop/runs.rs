@@ -106,9 +106,14 @@ impl Prepared<'_> {
         if self.at.is_empty() && (self.drive.parts == 1 || steps < 2) {
             return instance.run(&self.values, &regrouped(&self.drive, 1));
         }
+        instance.run_with(&self.values, &regrouped(&self.drive, steps), self.forces(steps, responses))
+    }
+
+    /// Returns what computes the forces at the ports before each step.
+    fn forces(&self, steps: usize, responses: &[Response]) -> impl FnMut(usize, &[Motion], &mut [f64]) {
         let mut couplings = self.at.couplings(responses);
         let rate = self.drive.rate * steps as f64;
-        instance.run_with(&self.values, &regrouped(&self.drive, steps), |step, motions, forces| {
+        move |step, motions, forces| {
             forces.fill(0.0);
             let t = self.record.start_s + step as f64 / rate;
             for (port, push) in &self.at.pushes {
@@ -117,7 +122,7 @@ impl Prepared<'_> {
             for (coupling, port) in &mut couplings {
                 forces[*port] = coupling.force(motions[*port], forces[*port]);
             }
-        })
+        }
     }
 }
 
@@ -191,6 +196,45 @@ impl<'s> Runs<'s> {
         record: &Record,
     ) -> Result<Channels, SimulatorError> {
         self.simulate_all(setting, &[(effects, record)]).remove(0)
+    }
+
+    /// Returns the outputs (p channels) for the inputs of a record, with effects, and the peak displacement at each
+    /// port from its position at rest. A simulator with ports is run step by step.
+    ///
+    /// # Errors
+    /// [`SimulatorError`] if the simulator fails.
+    pub fn simulate_with_motion(
+        &mut self,
+        setting: &Setting,
+        effects: &[Placed],
+        record: &Record,
+    ) -> Result<(Channels, Vec<f64>), SimulatorError> {
+        let (steps, ports) = (self.description().steps_per_sample, self.description().ports.len());
+        if ports == 0 {
+            return Ok((self.simulate(setting, effects, record)?, Vec::new()));
+        }
+        let acting = Acting::new(setting, effects);
+        let prepared = self.prepared(&acting, record, setting.plant.rate);
+        let mut peaks = vec![0.0_f64; ports];
+        let mut y = if let Some(y) = self.resting(&prepared) {
+            y
+        } else {
+            let mut forces = prepared.forces(steps, &self.responses);
+            let mut rest: Option<Vec<Motion>> = None;
+            self.simulator.run_with(
+                &prepared.values,
+                &regrouped(&prepared.drive, steps),
+                |step, motions, applied| {
+                    let rest = rest.get_or_insert_with(|| motions.to_vec());
+                    for (peak, (now, rest)) in peaks.iter_mut().zip(motions.iter().zip(rest)) {
+                        *peak = peak.max((now.displacement - rest.displacement).abs());
+                    }
+                    forces(step, motions, applied);
+                },
+            )?
+        };
+        acting.sense(&mut y, record.start_s, setting.plant.rate);
+        Ok((y, peaks))
     }
 
     /// Returns the outputs of several runs, each of a record with effects. They go side by side if the simulator has

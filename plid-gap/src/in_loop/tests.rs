@@ -177,6 +177,64 @@ fn a_bound_on_the_runs_is_kept() {
     assert!(outcome.diagnosis.simulator.cut_short && outcome.diagnosis.simulator.runs < 130);
 }
 
+/// Beyond the inputs and the motion of the fitted records, the expected gap grows, and what exceeds them is named.
+#[test]
+fn the_expected_gap_grows_beyond_what_was_fitted() {
+    let case = case(&NOMINAL, |x, _, _| [0.0, -6.0 * x[1].powi(3), 0.0], same, as_it_is);
+    let outcome = diagnosed(&case);
+    let loud = &case.records[1].u[0];
+    let predictor = LoopPredictor::new(outcome.simulation.clone()).unwrap();
+    let predicted = |predictor: &LoopPredictor, level: f64| {
+        let u = vec![loud.iter().map(|u| level * u).collect::<Vec<f64>>()];
+        let mut arm = Arm::new();
+        let prediction = predictor.predict(&mut arm, &Library::standard(), &u, 0.0).unwrap();
+        let gap = predictor.expected_gap(&prediction).unwrap();
+        (gap, prediction.beyond, arm.runs)
+    };
+    let (within, beyond, runs) = predicted(&predictor, 0.9);
+    let beyond = beyond.unwrap();
+    assert!(!beyond.is_clear() && beyond.warning().is_none() && runs == 1, "{beyond:?}, {runs} runs");
+    let stated = outcome.diagnosis.gap.predicted_held_out_gap;
+    assert!((within / stated - 1.0).abs() < 0.3, "{within}, stated {stated}");
+    let mut before = within;
+    for level in [1.3, 1.7, 2.2] {
+        let (gap, beyond, _) = predicted(&predictor, level);
+        let beyond = beyond.unwrap();
+        assert!(gap > 1.2 * before && beyond.times > 0.9 * level, "{gap} after {before}: {beyond:?}");
+        let warning = beyond.warning().unwrap();
+        assert!(warning.contains("input `torque`") || warning.contains("motion at `"), "{warning}");
+        before = gap;
+    }
+    // A motion beyond that of the records counts where the input does not exceed theirs.
+    let mut still = outcome.simulation.clone();
+    let peaks = &mut still.fitted.as_mut().unwrap().displacement_peak;
+    assert!(peaks.len() == 2 && peaks.iter().all(|peak| *peak > 0.0), "{peaks:?}");
+    peaks.iter_mut().for_each(|peak| *peak *= 0.25);
+    let beyond = predicted(&LoopPredictor::new(still).unwrap(), 0.9).1.unwrap();
+    assert!(beyond.what.starts_with("motion at `") && beyond.times > 2.0, "{beyond:?}");
+    // A file of a former version has no range.
+    let old = LoopPredictor::new(SimulatorWithEffects { fitted: None, ..outcome.simulation }).unwrap();
+    assert_eq!([1.0, 8.0].map(|level| predicted(&old, level).0), [stated; 2]);
+}
+
+/// A range that was edited by hand is refused with its key.
+#[test]
+fn a_range_that_is_impossible_is_refused() {
+    let case = case(&NOMINAL, nothing, same, as_it_is);
+    let good = diagnosed(&case).simulation;
+    let refused = |change: fn(&mut SimulatorWithEffects)| {
+        let mut bad = good.clone();
+        change(&mut bad);
+        LoopPredictor::new(bad).err().unwrap()
+    };
+    let short = refused(|bad| bad.fitted.as_mut().unwrap().displacement_peak.truncate(1));
+    assert!(short.contains("`fitted.displacement_peak` must contain 2"), "{short}");
+    let negative = refused(|bad| bad.fitted.as_mut().unwrap().unexplained = -1.0);
+    assert!(negative.contains("`fitted.unexplained`"), "{negative}");
+    let noise = refused(|bad| bad.noise_rms.clear());
+    assert!(noise.contains("`noise_rms`"), "{noise}");
+}
+
 /// What is written predicts a new input, with the effects and the parameters.
 #[test]
 fn the_answer_predicts_what_it_has_not_seen() {
@@ -189,7 +247,7 @@ fn the_answer_predicts_what_it_has_not_seen() {
         let predictor = LoopPredictor::read(&folder.path().join("sim-with-effect.json")).unwrap();
         let fresh = &case.records[2];
         let y = predictor.predict(&mut Arm::new(), &Library::standard(), &fresh.u, fresh.start_s).unwrap();
-        let gap = Blocks::new(&fresh.y, &y, 0).gap();
+        let gap = Blocks::new(&fresh.y, &y.outputs, 0).gap();
         assert!(gap < 1.5 * outcome.diagnosis.gap.noise_floor, "{gap}");
         assert!(std::fs::read_to_string(folder.path().join("report.html")).unwrap().contains("<svg"));
         // Another simulator is refused.
