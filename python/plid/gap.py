@@ -261,6 +261,8 @@ def diagnose(
     suspects: Sequence[str] = (),
     exclude: Sequence[str] = (),
     material: float = 0.02,
+    calls: int | None = None,
+    seconds: float | None = None,
     settings: Mapping[str, Any] | None = None,
     progress: Callable[[str], object] | bool | None = None,
 ) -> Diagnosis:
@@ -284,8 +286,11 @@ def diagnose(
         Effects or locations that are suspected or ruled out.
     material : float, default 0.02
         Smallest gap beyond the noise that matters, relative to the output.
+    calls, seconds : int, float, optional
+        Largest number of runs of the simulator, on one record each, and longest time of them in all, in s. A search
+        that one of them ends has a warning that says what was left out. The default is 1000 runs and any time.
     settings : dict, optional
-        Thresholds by table, as in a case file: `{"in_loop": {"calls": 200}}`.
+        Thresholds by table, as in a case file: `{"in_loop": {"steps": 12}}`.
     progress : callable or bool, optional
         Receives lines of text. By default they go to standard error if it is a terminal; False turns them off.
 
@@ -346,8 +351,9 @@ def diagnose(
     }
     if band_hz is not None:
         options["band_hz"] = list(band_hz)
-    if settings is not None:
-        options["settings"] = dict(settings)
+    bounds = {key: of for key, of in (("calls", calls), ("seconds", seconds)) if of is not None}
+    options["settings"] = dict(settings or {})
+    options["settings"]["in_loop"] = dict(options["settings"].get("in_loop", {})) | bounds
     with listener(progress) as listen:
         core = _plid.diagnose(core_records, simulator, simulator.description(), json.dumps(options), listen)
     return Diagnosis(core, simulator)

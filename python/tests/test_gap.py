@@ -150,6 +150,21 @@ def test_friction_is_named_at_its_port():
         diagnosis.predict(3.0 * u)
 
 
+@pytest.mark.parametrize(("bound", "key"), [({"calls": 40}, "calls"), ({"seconds": 1.0}, "seconds")])
+def test_a_bounded_search_says_what_it_left_out(bound, key):
+    def slow(u):
+        time.sleep(0.02)
+        return stage(u)
+
+    records = measured(lambda u: stage(6.0 * np.tanh(u / 6.0)))
+    settings = {"in_loop": {"model_states": 0}}
+    diagnosis = gap.diagnose(records, simulator=slow, rate=RATE, progress=False, settings=settings, **bound)
+    used = diagnosis.data["simulator"]
+    assert used["cut_short"] and used["ended_by"] == key and used["left_out"]
+    assert any(f"`{key}` = {bound[key]:g}) ended the search early. Left out: " in said for said in diagnosis.warnings)
+    assert used["runs"] <= 40 if key == "calls" else used["seconds"] < 1.5
+
+
 def test_a_wrong_parameter_is_named():
     diagnosis = gap.diagnose(
         measured(lambda u: stage(u, 1.3)),

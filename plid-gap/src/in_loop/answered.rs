@@ -66,7 +66,8 @@ pub(super) fn by_model(
         realised.error
     ));
     let seconds = calls.time.as_secs_f64();
-    outcome.diagnosis.simulator = Some(Used { name, runs: calls.runs, seconds, cut_short: false });
+    outcome.diagnosis.simulator =
+        Some(Used { name, runs: calls.runs, seconds, cut_short: false, ended_by: None, left_out: Vec::new() });
     Ok(Some(Answered::ByModel(Box::new((outcome, case)))))
 }
 

@@ -66,7 +66,9 @@ impl<'a> Opened<'_, 'a> {
             let name = nuisance.place.location(names);
             (name, [nuisance.value, nuisance.value + eta * nuisance.std, *eta])
         });
-        let calls = runs.calls();
+        let (calls, cut) = (runs.calls(), runs.cut());
+        let mut warnings = told.warnings.clone();
+        warnings.extend(cut.map(|cut| answer::cut_short(cut, &case.config.settings.in_loop)));
         let diagnosis = LoopDiagnosis {
             verdict: judged.verdict,
             sentence,
@@ -80,11 +82,13 @@ impl<'a> Opened<'_, 'a> {
                 name: simulation.simulator.name.clone(),
                 runs: calls.runs,
                 seconds: calls.time.as_secs_f64(),
-                cut_short: found.cut_short,
+                cut_short: cut.is_some(),
+                ended_by: cut.map(|cut| cut.by),
+                left_out: cut.map(|cut| cut.what.clone()).unwrap_or_default(),
             },
             refit: refit.collect(),
             settings: case.config.settings.clone(),
-            warnings: told.warnings.clone(),
+            warnings,
         };
         LoopOutcome { diagnosis, simulation, shown: self.shown(told, measured) }
     }

@@ -1,6 +1,9 @@
 //! Diagnoses of a nonlinear arm. Their truths have the effect inside the equations of motion.
 
+use plid_simulator::{Motion, SimulatorError};
+
 use super::*;
+use crate::answer::schema::Bound;
 use crate::case::SimulatorConfig;
 use crate::judge::gap::Blocks;
 use crate::judge::verdict::Verdict;
@@ -167,14 +170,68 @@ fn runs_side_by_side_give_the_same_answer() {
     assert_eq!(answers[0], answers[1]);
 }
 
-/// A bound on the runs is kept, and said.
+/// A bound on the runs is kept, and what was left out because of it is said.
 #[test]
 fn a_bound_on_the_runs_is_kept() {
     let mut case = case(&NOMINAL, |x, _, _| [-0.1 * (x[2] / 0.1).tanh(), 0.0, 0.0], same, as_it_is);
-    case.config.settings.in_loop.calls = 60;
-    let outcome = diagnosed(&case);
-    // A fit that has begun is finished.
-    assert!(outcome.diagnosis.simulator.cut_short && outcome.diagnosis.simulator.runs < 130);
+    for calls in [60, 120] {
+        case.config.settings.in_loop.calls = calls;
+        let outcome = diagnosed(&case);
+        let used = &outcome.diagnosis.simulator;
+        assert!(used.runs > calls / 2 && used.runs <= calls, "{} runs of {calls}", used.runs);
+        assert!(used.cut_short && used.ended_by == Some(Bound::Calls) && !used.left_out.is_empty(), "{used:?}");
+        let warning = outcome.diagnosis.warnings.last().unwrap();
+        let said = format!("The bound on the runs (`calls` = {calls}) ended the search early. Left out: ");
+        assert!(warning.starts_with(&said) && warning.contains(&used.left_out[0]), "{warning}");
+        assert!(outcome.diagnosis.text().contains(&format!("(`calls` = {calls})")), "{}", outcome.diagnosis.text());
+        let folder = tempfile::tempdir().unwrap();
+        report::write(&outcome, &case, folder.path()).unwrap();
+        let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+        assert!(page.contains(used.left_out.last().unwrap()), "{:?}", used.left_out);
+    }
+}
+
+/// An arm whose runs take a while.
+struct Slow(Arm);
+
+impl Simulator for Slow {
+    fn description(&self) -> &Description {
+        self.0.description()
+    }
+
+    fn start(&mut self, parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
+        std::thread::sleep(std::time::Duration::from_millis(15));
+        self.0.start(parameters)
+    }
+
+    fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], at: &mut [Motion]) -> Result<(), SimulatorError> {
+        self.0.step(u, forces, y, at)
+    }
+}
+
+/// So is a bound on their time.
+#[test]
+fn a_bound_on_the_time_is_kept() {
+    let mut case = case(&NOMINAL, |x, _, _| [-0.1 * (x[2] / 0.1).tanh(), 0.0, 0.0], same, as_it_is);
+    case.config.settings.in_loop.seconds = 2.0;
+    let outcome = diagnose_in_loop(&case, &mut Slow(Arm::new()), &Library::standard(), &mut |_| {}).unwrap();
+    let used = &outcome.diagnosis.simulator;
+    assert!(used.cut_short && used.ended_by == Some(Bound::Seconds), "{used:?}");
+    // The time of a run is only estimated.
+    assert!(used.seconds > 1.0 && used.seconds < 2.5, "{} s", used.seconds);
+    let warning = outcome.diagnosis.warnings.last().unwrap();
+    assert!(warning.starts_with("The bound on the time in the simulator (`seconds` = 2) ended"), "{warning}");
+}
+
+/// A search that no bound ends leaves nothing out.
+#[test]
+fn a_search_within_its_bounds_leaves_nothing_out() {
+    let outcome = inside(|x, _, _| [0.0, -6.0 * x[1].powi(3), 0.0]);
+    let used = &outcome.diagnosis.simulator;
+    assert!(!used.cut_short && used.ended_by.is_none() && used.left_out.is_empty(), "{used:?}");
+    assert!(!outcome.diagnosis.warnings.iter().any(|warning| warning.contains("ended the search early")));
+    let json = serde_json::to_value(used).unwrap();
+    assert!(json.get("ended_by").is_none() && json.get("left_out").is_none(), "{json}");
 }
 
 /// Beyond the inputs and the motion of the fitted records, the expected gap grows, and what exceeds them is named.
