@@ -354,9 +354,12 @@ except KeyboardInterrupt:
 """
 
 
+# Runs that take a while, and one that never ends.
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGINT between processes")
-def test_ctrl_c_ends_a_diagnosis():
-    process = subprocess.Popen([sys.executable, "-c", SLOW], stdout=subprocess.PIPE, text=True)
+@pytest.mark.parametrize("wait", ["time.sleep(0.2)", "while True: pass"])
+def test_ctrl_c_ends_a_diagnosis(wait):
+    text = SLOW.replace("time.sleep(0.2)", wait)
+    process = subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout.readline() == "runs\n"
         time.sleep(0.5)
