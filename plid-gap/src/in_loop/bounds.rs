@@ -48,7 +48,7 @@ impl Bounds {
         let calls = self.calls.saturating_sub(spent.runs.saturating_add(self.kept));
         Self {
             calls: self.calls - calls / 2,
-            seconds: self.seconds - 0.5 * self.seconds_left(spent).max(0.0).min(f64::MAX),
+            seconds: self.seconds - 0.5 * self.seconds_left(spent).clamp(0.0, f64::MAX),
             ..*self
         }
     }
