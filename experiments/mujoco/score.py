@@ -4,7 +4,8 @@
     python3 experiments/mujoco/score.py CASES --plid target/release/plid   # by the program, which runs a command
 
 The summary counts the answers, the cases within the bounds on the gap, the runs and the time, and the parameters whose
-true value lies in the stated interval. Needs `pip install ./python[mujoco]`.
+true value lies in the stated interval. The bound on the gap on a fresh record is 1.5 times the noise where the law of
+the truth is in the vocabulary, and 3 times where a law of the vocabulary is only close to it. Needs `pip install ./python[mujoco]`.
 """
 
 import argparse
@@ -18,6 +19,14 @@ import numpy as np
 from cases import cases, columns, gap
 
 from plid import gap as plid_gap
+
+# Kinds of causes whose law is not in the vocabulary, although one nearby is. MuJoCo's dry friction holds by a soft
+# constraint, which gives way a little; the vocabulary has friction that is smooth in the velocity, and friction that
+# holds exactly.
+NEAR_MISSES = {"friction"}
+
+# Largest gap on a fresh record over the noise, by how close the vocabulary comes to the truth.
+BOUNDS = {"law in the vocabulary": 1.5, "near miss": 3.0, "outside the vocabulary": None}
 
 
 def by_program(plid, case):
@@ -93,6 +102,22 @@ def covered(label, answer):
             yield low <= true <= high
 
 
+def law(label):
+    """Returns how close the vocabulary comes to the laws of a truth, which is a key of BOUNDS."""
+    if label["effects"] is None:
+        return "outside the vocabulary"
+    return "near miss" if NEAR_MISSES & set(label["kind"].split("+")) else "law in the vocabulary"
+
+
+def gaps(labels, ratios):
+    """Yields a line for each class of laws: the gaps over the noise, and how many are within the bound."""
+    for name, bound in BOUNDS.items():
+        of = np.array([ratio for label, ratio in zip(labels, ratios, strict=True) if law(label) == name])
+        if len(of):
+            within = "" if bound is None else "; " + share(of <= bound, f"at most {bound:g} in")
+            yield f"gap on a fresh record over noise, {name}: median {np.median(of):.2f}, largest {of.max():.2f}{within}"
+
+
 def share(of, what):
     return f"{what} {sum(of)} of {len(of)}"
 
@@ -103,7 +128,7 @@ def main():
     parser.add_argument("--plid", help="the program; without it the Python package diagnoses")
     parser.add_argument("--only", nargs="*")
     given = parser.parse_args()
-    tally, rows, inside = collections.Counter(), [], []
+    tally, rows, inside, labels = collections.Counter(), [], [], []
     print(f"{'case':5}{'plant':10}{'cause':24}{'judged':10}{'gap':>8}{'fresh':>8}{'noise':>8}{'runs':>6}{'s':>6}"
           "  answer")
     for name, case in cases(given.cases, given.only):
@@ -112,6 +137,7 @@ def main():
         verdict, runs = judge(label, answer), answer["simulator"]["runs"]
         tally[verdict] += 1
         rows.append((fresh / label["noise"], runs, took))
+        labels.append(label)
         inside += covered(label, answer)
         said = " + ".join(f"{e['effect']}@{e['location']} {e['confidence']:.2f}" for e in answer["effects"])
         said = said or answer["verdict"]
@@ -121,7 +147,7 @@ def main():
         )
     ratios, runs, times = (np.array(of) for of in zip(*rows, strict=True))
     print(dict(tally))
-    print(f"gap on a fresh record over noise: median {np.median(ratios):.2f}; {share(ratios <= 1.5, 'at most 1.5 in')}")
+    print(*gaps(labels, ratios), sep="\n")
     print(f"runs: median {np.median(runs):.0f}; {share(runs <= 400, 'at most 400 in')}")
     print(f"time: median {np.median(times):.1f} s; {share(times <= 60, 'at most 60 s in')}")
     print(share(inside, "true values in their intervals:"))

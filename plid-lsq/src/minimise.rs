@@ -59,12 +59,14 @@ pub enum Ended {
     Stalled,
     /// The largest number of steps was reached first.
     Steps,
+    /// The problem did not let it go on ([`Problem::may_go_on`]).
+    Stopped,
 }
 
 impl Ended {
     /// Returns whether the search has reached a minimum, as far as it can tell.
     pub fn converged(self) -> bool {
-        self != Self::Steps
+        matches!(self, Self::Gain | Self::Stalled)
     }
 }
 
@@ -75,7 +77,7 @@ pub struct Minimum<P: Problem> {
     pub point: P::Point,
     /// Its cost.
     pub cost: f64,
-    /// The equations of the last linearisation. They belong to [`Minimum::point`] if the search stalled, and otherwise
+    /// The equations of the last linearisation, or those of [`Problem::equations`] if there was none. They belong to [`Minimum::point`] if the search stalled, and otherwise
     /// to the point before it.
     pub equations: P::Equations,
     /// Number of linearisations.
@@ -127,6 +129,10 @@ pub fn minimise<P: Problem>(
     let mut current = damping.start;
     let mut small = 0;
     while found.steps < stop.steps {
+        if !problem.may_go_on(&found.point) {
+            found.ended = Ended::Stopped;
+            break;
+        }
         problem.linearise(&found.point, &mut found.equations)?;
         found.steps += 1;
         let Some(better) = descend(problem, &found, &mut trials, &mut current, damping) else {

@@ -31,6 +31,12 @@ pub trait Problem: Sync {
     /// in which the noise variance is eliminated. A point with an infinite cost or NaN is rejected.
     fn cost(&self, at: &Self::Point) -> f64;
 
+    /// Returns whether the search may go on from a point: whether there is time left for [`Problem::linearise`] and for
+    /// steps from there. It is asked before each linearisation; otherwise the search ends at this point.
+    fn may_go_on(&self, _at: &Self::Point) -> bool {
+        true
+    }
+
     /// Called with every point that the search moves to. The problem may change its coordinates but not its cost.
     fn accepted(&mut self, _at: &mut Self::Point) {}
 }

@@ -12,9 +12,11 @@ struct Valley {
     /// Linearisations before an error.
     patience: usize,
     accepted: usize,
+    /// Steps after which the search may not go on.
+    bound: usize,
 }
 
-const VALLEY: Valley = Valley { wall: f64::NEG_INFINITY, patience: usize::MAX, accepted: 0 };
+const VALLEY: Valley = Valley { wall: f64::NEG_INFINITY, patience: usize::MAX, accepted: 0, bound: usize::MAX };
 
 impl Problem for Valley {
     type Point = [f64; 2];
@@ -44,6 +46,10 @@ impl Problem for Valley {
         if x < self.wall { f64::NAN } else { (1.0 - x).powi(2) + 100.0 * (y - x * x).powi(2) }
     }
 
+    fn may_go_on(&self, _at: &[f64; 2]) -> bool {
+        self.accepted < self.bound
+    }
+
     fn accepted(&mut self, _at: &mut [f64; 2]) {
         self.accepted += 1;
     }
@@ -66,6 +72,19 @@ fn a_search_says_why_it_ended() {
     assert!(patient.steps > impatient.steps && patient.cost < impatient.cost);
     let nothing = run(Stop { steps: 0, ..Stop::default() });
     assert_eq!((nothing.point, nothing.cost, nothing.ended), (START, VALLEY.cost(&START), Ended::Steps));
+}
+
+/// A search that its problem stops has the point at which it was, and no further linearisation.
+#[test]
+fn a_problem_may_stop_the_search() {
+    let whole = minimise(&mut VALLEY.clone(), START, Damping::default(), Stop { steps: 3, ..Stop::default() }).unwrap();
+    let mut problem = Valley { bound: 3, patience: 3, ..VALLEY };
+    let found = minimise(&mut problem, START, Damping::default(), Stop::default()).unwrap();
+    assert_eq!((found.ended, found.steps, found.point), (Ended::Stopped, 3, whole.point));
+    assert!(!found.ended.converged() && found.cost < VALLEY.cost(&START));
+    let mut problem = Valley { bound: 0, patience: 0, ..VALLEY };
+    let nothing = minimise(&mut problem, START, Damping::default(), Stop::default()).unwrap();
+    assert_eq!((nothing.ended, nothing.steps, nothing.point), (Ended::Stopped, 0, START));
 }
 
 #[test]

@@ -39,6 +39,7 @@ def identify(
     backend: str | None = None,
     scalar: str | None = None,
     missing: bool = False,
+    predictor: bool = True,
     progress: Callable[[str], object] | bool | None = None,
 ) -> Model:
     """Identify a linear plant from a record.
@@ -60,6 +61,9 @@ def identify(
         The variant of the recursion by name; `variants` lists them. The default is the recommended one.
     missing : bool, default False
         Whether NaN among the outputs is a missing sample. Otherwise it is an error.
+    predictor : bool, default True
+        Whether to fit the gain of the one-step predictor, too, by `Model.with_predictor`, which describes how. The
+        model has no gain if none keeps its predictor bounded.
     progress : callable or bool, optional
         Receives lines of text. By default they go to standard error if it is a terminal; False turns them off.
 
@@ -101,7 +105,12 @@ def identify(
             missing,
             listen,
         )
-    return Model(core)
+    model = Model(core)
+    if not predictor:
+        return model
+    u_0, y_0 = model.operating_point
+    found = core.with_predictor(inputs.samples - u_0, outputs.samples - y_0)
+    return model if found is None else Model(found)
 
 
 class listener:

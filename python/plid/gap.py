@@ -9,6 +9,7 @@ import dataclasses
 import html
 import json
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -155,18 +156,52 @@ class Diagnosis:
         -------
         ndarray, shape (samples, p)
             The outputs.
+
+        Warns
+        -----
+        UserWarning
+            If the inputs, or the motion at a port, clearly exceed those of the fitted records: the effects were not
+            seen there.
         """
         given = channels(u, "u").samples
         expected = len(self._simulator.inputs)
         if given.shape[1] != expected:
             raise ValueError(f"u has the shape {given.shape}, expected (samples, {expected})")
-        return self._core.predict(self._simulator, given, start_s)
+        outputs, warning = self._core.predict(self._simulator, given, start_s)
+        if warning is not None:
+            warnings.warn(warning, stacklevel=2)
+        return outputs
 
     def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write report.html, diagnosis.json and sim-with-effect.json to a folder, and return the path of the report."""
-        folder = Path(path)
-        self._core.write(folder)
-        return folder / "report.html"
+        """Write the report: a page for a browser, which needs no other file.
+
+        Parameters
+        ----------
+        path : path
+            A folder, which receives report.html, diagnosis.json and sim-with-effect.json. If the path ends in .html,
+            the page alone is written to this file.
+
+        Returns
+        -------
+        pathlib.Path
+            The page.
+
+        Raises
+        ------
+        OSError
+            If the files cannot be written. Those of an earlier diagnosis then stay as they were.
+
+        Examples
+        --------
+        >>> diagnosis.report("out/gap")
+        >>> diagnosis.report("gap.html")
+        """
+        path = Path(path)
+        if path.suffix.lower() == ".html":
+            self._core.write_page(path)
+            return path
+        self._core.write(path)
+        return path / "report.html"
 
     def __str__(self) -> str:
         return self._core.text().rstrip()
@@ -226,6 +261,8 @@ def diagnose(
     suspects: Sequence[str] = (),
     exclude: Sequence[str] = (),
     material: float = 0.02,
+    calls: int | None = None,
+    seconds: float | None = None,
     settings: Mapping[str, Any] | None = None,
     progress: Callable[[str], object] | bool | None = None,
 ) -> Diagnosis:
@@ -249,8 +286,11 @@ def diagnose(
         Effects or locations that are suspected or ruled out.
     material : float, default 0.02
         Smallest gap beyond the noise that matters, relative to the output.
+    calls, seconds : int, float, optional
+        Largest number of runs of the simulator, on one record each, and longest time of them in all, in s. A search
+        that one of them ends has a warning that says what was left out. The default is 1000 runs and any time.
     settings : dict, optional
-        Thresholds by table, as in a case file: `{"in_loop": {"calls": 200}}`.
+        Thresholds by table, as in a case file: `{"in_loop": {"steps": 12}}`.
     progress : callable or bool, optional
         Receives lines of text. By default they go to standard error if it is a terminal; False turns them off.
 
@@ -311,8 +351,9 @@ def diagnose(
     }
     if band_hz is not None:
         options["band_hz"] = list(band_hz)
-    if settings is not None:
-        options["settings"] = dict(settings)
+    bounds = {key: of for key, of in (("calls", calls), ("seconds", seconds)) if of is not None}
+    options["settings"] = dict(settings or {})
+    options["settings"]["in_loop"] = dict(options["settings"].get("in_loop", {})) | bounds
     with listener(progress) as listen:
         core = _plid.diagnose(core_records, simulator, simulator.description(), json.dumps(options), listen)
     return Diagnosis(core, simulator)

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use numpy::{PyArray2, PyReadonlyArray2, ToPyArray};
 use plid::gap::GapError;
+use plid::gap::answer::predict::Prediction;
 use plid::gap::case::{Case, CaseConfig, Channels, Excitation, Record, excitations_of};
 use plid::gap::effects::Library;
 use plid::gap::in_loop::{self, Answered};
@@ -116,20 +117,27 @@ impl Outcome {
         self.answered.write(&self.case, &folder).map_err(|error| of_gap(&error))
     }
 
-    /// Predicts the outputs of the simulator with the effects.
+    /// Writes the report alone to a file.
+    fn write_page(&self, file: PathBuf) -> PyResult<()> {
+        self.answered.write_page(&self.case, &file).map_err(|error| of_gap(&error))
+    }
+
+    /// Predicts the outputs of the simulator with the effects, with a warning if the input exceeds the fitted range.
     fn predict<'py>(
         &self,
         py: Python<'py>,
         simulator: Py<PyAny>,
         u: PyReadonlyArray2<'py, f64>,
         t0: Option<f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Option<String>)> {
         let (mut simulator, shelf) = of_object(py, self.description.clone(), simulator);
         let t0 = t0.unwrap_or(self.answered.t0());
         let u = columns(u.as_array());
         let work = || self.answered.predict(simulator.as_mut(), &Library::standard(), &u, t0);
         match py.detach(|| catch_unwind(AssertUnwindSafe(work))) {
-            Ok(Ok(y)) => Ok(rows(&y).to_pyarray(py)),
+            Ok(Ok(Prediction { outputs, beyond, .. })) => {
+                Ok((rows(&outputs).to_pyarray(py), beyond.and_then(|beyond| beyond.warning())))
+            }
             Ok(Err(error)) => Err(reason(py, &shelf, of_gap(&error))),
             Err(panic) => Err(of_panic(panic.as_ref())),
         }

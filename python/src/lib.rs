@@ -7,6 +7,7 @@ mod errors;
 mod fmu;
 mod identify;
 mod model;
+mod predictor;
 mod recursion;
 mod simulator;
 mod table;

@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{Responses, stacked, to_array, to_matrix};
 use crate::errors::{of_model, value};
+use crate::predictor::with_predictor;
 
 /// A mode: frequency in Hz, damping ratio, their standard deviations, the pole, and whether it oscillates.
 type Mode = (f64, f64, Option<f64>, Option<f64>, Complex<f64>, bool);
@@ -173,5 +174,17 @@ impl Model {
         let (state, u, y) = (self.state(state), u.as_array().to_owned(), y.as_array().to_owned());
         let done = py.detach(|| model::one_step_prediction(&self.model, u.view(), y.view(), &state));
         Ok(done.map_err(of_model)?.predicted.to_pyarray(py))
+    }
+
+    /// Returns the model with a predictor gain that is fitted to deviations from its operating point; None if no gain
+    /// keeps the predictor bounded.
+    fn with_predictor(
+        &self,
+        py: Python<'_>,
+        u: PyReadonlyArray2<'_, f64>,
+        y: PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<Option<Self>> {
+        let (u, y) = (u.as_array().to_owned(), y.as_array().to_owned());
+        Ok(py.detach(|| with_predictor(&self.model, u.view(), y.view()))?.map(|model| Self { model }))
     }
 }

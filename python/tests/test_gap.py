@@ -1,9 +1,11 @@
 """Diagnoses with simulators of Python in the loop. The truths have effects that the simulators lack."""
 
+import re
 import signal
 import subprocess
 import sys
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -83,10 +85,34 @@ def test_a_prediction_has_the_effect(saturated):
         saturated.predict(np.zeros((5, 2)))
 
 
+def test_a_prediction_beyond_what_was_fitted_warns(saturated):
+    u = command(9, 8.0)[:, None]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        saturated.predict(0.5 * u)
+    with pytest.warns(UserWarning, match=r"extrapolation: input `u1` is \d+\.\d times that of the fitted"):
+        saturated.predict(4.0 * u)
+
+
 def test_a_report_is_written(saturated, tmp_path):
     page = saturated.report(tmp_path / "out")
     assert saturated.sentence[:30] in page.read_text()
     assert {path.name for path in page.parent.iterdir()} == {"report.html", "diagnosis.json", "sim-with-effect.json"}
+
+
+def test_a_report_may_be_one_page(saturated, tmp_path):
+    page = saturated.report(tmp_path / "gap.html")
+    assert page == tmp_path / "gap.html" and list(tmp_path.iterdir()) == [page]
+    text = page.read_text()
+    assert text == saturated.report(tmp_path / "out").read_text() and text.endswith("</html>")
+    # Nothing is loaded from elsewhere.
+    assert "<svg" in text and not re.search(r"<(script|link|img|iframe)\b|url\((?!#)|@import", text)
+    with pytest.raises(OSError, match="missing.gap.HTML"):
+        saturated.report(tmp_path / "missing" / "gap.HTML")
+    (tmp_path / "folder.html").mkdir()
+    with pytest.raises(OSError, match="folder.html"):
+        saturated.report(tmp_path / "folder.html")
+    assert {path.name for path in tmp_path.iterdir()} == {"gap.html", "out", "folder.html"}
 
 
 def test_a_notebook_shows_the_answer(saturated):
@@ -118,6 +144,25 @@ def test_friction_is_named_at_its_port():
     assert first(diagnosis)[0] == "coulomb-friction" and lines
     force = next(iter(diagnosis.effects[0].parameters.values()))
     assert 1.0 < force["value"] < 2.0
+    u = measured(rubbed)[1][0]
+    assert_allclose(diagnosis.predict(u), rubbed(u), atol=1e-3)
+    with pytest.warns(UserWarning, match=r"extrapolation: .* is \d+\.\d times that of the fitted records"):
+        diagnosis.predict(3.0 * u)
+
+
+@pytest.mark.parametrize(("bound", "key"), [({"calls": 40}, "calls"), ({"seconds": 1.0}, "seconds")])
+def test_a_bounded_search_says_what_it_left_out(bound, key):
+    def slow(u):
+        time.sleep(0.02)
+        return stage(u)
+
+    records = measured(lambda u: stage(6.0 * np.tanh(u / 6.0)))
+    settings = {"in_loop": {"model_states": 0}}
+    diagnosis = gap.diagnose(records, simulator=slow, rate=RATE, progress=False, settings=settings, **bound)
+    used = diagnosis.data["simulator"]
+    assert used["cut_short"] and used["ended_by"] == key and used["left_out"]
+    assert any(f"`{key}` = {bound[key]:g}) ended the search early. Left out: " in said for said in diagnosis.warnings)
+    assert used["runs"] <= 40 if key == "calls" else used["seconds"] < 1.5
 
 
 def test_a_wrong_parameter_is_named():
@@ -309,9 +354,12 @@ except KeyboardInterrupt:
 """
 
 
+# Runs that take a while, and one that never ends.
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGINT between processes")
-def test_ctrl_c_ends_a_diagnosis():
-    process = subprocess.Popen([sys.executable, "-c", SLOW], stdout=subprocess.PIPE, text=True)
+@pytest.mark.parametrize("wait", ["time.sleep(0.2)", "while True: pass"])
+def test_ctrl_c_ends_a_diagnosis(wait):
+    text = SLOW.replace("time.sleep(0.2)", wait)
+    process = subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout.readline() == "runs\n"
         time.sleep(0.5)

@@ -63,6 +63,30 @@ def test_missing_outputs_cost_little(model):
     assert_allclose([m.hz for m in found.modes()], [m.hz for m in model.modes()], rtol=0.01)
 
 
+def test_a_predictor_is_fitted():
+    """One-step predictions have a smaller error than a free run where the plant is disturbed."""
+    a, b, c, _ = plant()
+
+    def disturbed(seed):
+        random = np.random.default_rng(seed)
+        u, x, y = random.standard_normal((3000, 2)), np.zeros(4), np.empty((3000, 2))
+        for k, u_k in enumerate(u):
+            y[k] = c @ x + 0.05 * random.standard_normal(2)
+            x = a @ x + b @ u_k + 0.1 * random.standard_normal(4)
+        # Away from zero, and in other units.
+        return u + 3.0, y * [1.0, 100.0] - 20.0
+
+    u, y = disturbed(1)
+    model = plid.identify(u, y, rate=RATE, states=4)
+    assert model.predictor_gain.shape == (4, 2) and model.provenance["predictor"]
+    assert plid.identify(u, y, rate=RATE, states=4, predictor=False).predictor_gain is None
+    assert_allclose(model.with_predictor(u, y).predictor_gain, model.predictor_gain, rtol=0, atol=0)
+    fresh, measured = disturbed(2)
+    one_step = (measured - model.predict(fresh, measured))[200:].std(axis=0)
+    free = (measured - model.simulate(fresh))[200:].std(axis=0)
+    assert (one_step < 0.7 * free).all(), (one_step, free)
+
+
 def test_progress_is_told(data):
     lines = []
     plid.identify(*data, rate=RATE, states=4, progress=lines.append)

@@ -9,9 +9,10 @@ import subprocess
 
 import numpy as np
 import pytest
-from conftest import RATE, plant
+from conftest import RATE, plant, record
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import loadmat, savemat
+from scipy.linalg import solve_discrete_are
 from scipy.signal import dlsim
 
 import plid
@@ -150,6 +151,59 @@ def test_a_predictor_gain_is_used(exact, tmp_path):
     assert_allclose(model.predict(u, y), expected, rtol=0, atol=1e-12)
     with pytest.raises(ValueError, match="predictor_gain"):
         exact.predict(u, y)
+
+
+def disturbed(samples, seed):
+    """Return C, inputs, and outputs of the plant with disturbed states and noise, and the covariances of both.
+
+    The second output has a unit in which it is a thousand times as large.
+    """
+    a, b, c, _ = plant()
+    c = np.diag([1.0, 1e3]) @ c
+    process, sensor = 0.1 * np.ones(4), np.array([0.1, 200.0])
+    random = np.random.default_rng(seed)
+    u, x, y = random.standard_normal((samples, 2)), np.zeros(4), np.empty((samples, 2))
+    for k, u_k in enumerate(u):
+        y[k] = c @ x + sensor * random.standard_normal(2)
+        x = a @ x + b @ u_k + process * random.standard_normal(4)
+    return c, u, y, np.diag(process**2), np.diag(sensor**2)
+
+
+def test_the_predictor_gain_is_that_of_kalman():
+    a, b, _, d = plant()
+    c, u, y, process, sensor = disturbed(6000, 8)
+    # The steady state of the covariance of a predicted state.
+    p = solve_discrete_are(a.T, c.T, process, sensor)
+    kalman = a @ p @ c.T @ np.linalg.inv(c @ p @ c.T + sensor)
+    model = plid.Model.of_matrices(a, b, c, d, rate=RATE)
+    found = model.with_predictor(u, y)
+    assert_allclose(found.predictor_gain @ np.diag([1.0, 1e3]), kalman @ np.diag([1.0, 1e3]), rtol=0, atol=0.06)
+    assert_array_equal(found.A, a)
+    assert model.predictor_gain is None and "one-step errors" in found.provenance["predictor"]
+    # On a new record, its error is that of the innovations, and much smaller than that of a free run.
+    _, u, y, *_ = disturbed(6000, 9)
+    error = (y - found.predict(u, y))[100:].std(axis=0)
+    innovations = np.sqrt(np.diag(c @ p @ c.T + sensor))
+    assert_allclose(error / innovations, 1.0, rtol=0, atol=0.04)
+    assert (error < 0.7 * (y - found.simulate(u))[100:].std(axis=0)).all()
+
+
+def test_a_predictor_is_fitted_only_to_its_record():
+    a, b, c, d = plant()
+    model = plid.Model.of_matrices(a, b, c, d, rate=RATE)
+    u, y = record(200)
+    with pytest.raises(ValueError, match=r"y has the shape \(200, 1\)"):
+        model.with_predictor(u, y[:, :1])
+    with pytest.raises(ValueError, match="15 samples are too few for the predictor gain of 4 states"):
+        model.with_predictor(u[:15], y[:15])
+    with pytest.raises(ValueError, match="expected"):
+        model.with_predictor(u[:100], y)
+    unstable = plid.Model.of_matrices(3.0 * a, b, np.zeros((2, 4)), d, rate=RATE)
+    with pytest.raises(ValueError, match="no gain keeps the predictor bounded"):
+        unstable.with_predictor(u, y)
+    y[:, 1] = np.nan
+    with pytest.raises(ValueError, match='channel "y2" has no sample that differs from zero'):
+        model.with_predictor(u, y)
 
 
 def test_what_does_not_fit_is_named(exact, tmp_path):

@@ -60,7 +60,8 @@ An FMU in its place (see `plid gap serve-fmu --help`):
 
 With either:
   [settings.in_loop]
-  calls = 300                                # largest number of runs"#;
+  calls = 300                                # largest number of runs
+  seconds = 600                              # longest time in the simulator"#;
 
 /// Diagnose the gap between records and a simulation.
 ///

@@ -8,9 +8,9 @@ use plid::gap::GapError;
 use plid::gap::case::{Case, CaseConfig, SimulatorConfig, columns};
 use plid::gap::effects::Library;
 use plid::gap::in_loop::{self, LoopPredictor};
-use plid::report::percent;
 use plid::simulator::Command;
 
+use super::predict::say;
 use super::serve_fmu::Choice;
 use super::{Failure, Voice, directory, progress::Spinner, table, voice};
 
@@ -89,19 +89,10 @@ pub fn predict(
             choice.start(Path::new(&source.file), folder, Command::PATIENCE)?
         }
     };
-    let y = predictor.predict(&mut simulator, library, &u, t0)?;
+    let prediction = predictor.predict(&mut simulator, library, &u, t0)?;
+    let y = &prediction.outputs;
     let outputs: Vec<String> = written.simulator.outputs.iter().map(|output| output.name.clone()).collect();
     let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);
     table::write_csv(out, &outputs, &values)?;
-    if voice.json {
-        let said = serde_json::json!({
-            "out": out, "samples": y[0].len(), "t0": t0, "expected_gap": written.expected_gap,
-        });
-        return voice::print(&format!("{said}\n"));
-    }
-    if voice.quiet {
-        return Ok(());
-    }
-    let gap = percent(written.expected_gap);
-    voice::print(&format!("{} samples from {t0:.3} s on: {}; expected gap {gap}\n", y[0].len(), out.display()))
+    say(out, y[0].len(), t0, predictor.expected_gap(&prediction), prediction.beyond, voice)
 }

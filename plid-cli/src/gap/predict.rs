@@ -40,9 +40,6 @@ pub struct Arguments {
     simulated: Option<PathBuf>,
 }
 
-/// Typical variation between records of one level.
-const JUST_BEYOND: f64 = 1.1;
-
 /// Runs the command.
 pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     let simulation = arguments.diagnosis.with_file_name("sim-with-effect.json");
@@ -72,8 +69,7 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
     let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);
     table::write_csv(&arguments.out, &predictor.model.outputs, &values)?;
     let gap = predictor.expected_gap(&prediction, &y);
-    let beyond = prediction.beyond.filter(|beyond| beyond.times > JUST_BEYOND);
-    say(&arguments.out, y[0].len(), t0, gap, beyond, voice)
+    say(&arguments.out, y[0].len(), t0, gap, prediction.beyond, voice)
 }
 
 impl Arguments {
@@ -114,7 +110,7 @@ fn read(file: &Path, predictor: &Predictor, names: &[String], simulation: &Path)
 }
 
 /// Reports what was written, and warns if the input exceeds the fitted range.
-fn say(
+pub(super) fn say(
     out: &Path,
     samples: usize,
     t0: f64,
@@ -123,6 +119,7 @@ fn say(
     voice: Voice,
 ) -> Result<(), Failure> {
     if voice.json {
+        let beyond = beyond.filter(Beyond::is_clear);
         return voice::print(&format!(
             "{}\n",
             serde_json::json!({
@@ -136,9 +133,8 @@ fn say(
     }
     let gap = gap.map_or("the outputs are zero".to_string(), |gap| format!("expected gap {}", percent(gap)));
     voice::print(&format!("{samples} samples from {t0:.3} s on: {}; {gap}\n", out.display()))?;
-    if let Some(Beyond { times, what }) = beyond {
-        let far = if times < 1e3 { format!("{times:.1} times") } else { "far beyond".to_string() };
-        voice::remark(&format!("warning: extrapolation: {what} is {far} that of the fitted records"));
+    if let Some(warning) = beyond.and_then(|beyond| beyond.warning()) {
+        voice::remark(&format!("warning: {warning}"));
     }
     Ok(())
 }

@@ -227,6 +227,19 @@ fn an_fmu_is_diagnosed() {
     let size = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>().sqrt();
     let gap = size(&mut y.iter().zip(&expected).map(|(y, e)| y - e)) / size(&mut expected.iter().copied());
     assert!(y.len() == expected.len() && gap < 0.02, "{gap}");
+    // Far beyond the fitted records, the program says so and expects a larger gap.
+    record(9, 80.0, &at.join("loud.csv"));
+    let loud =
+        ["gap", "predict", "--diagnosis", "elsewhere/fmu/diagnosis.json", "--input", "loud.csv", "--out", "y.csv"];
+    let said = stderr(&plid(at, &loud));
+    assert!(said.contains("warning: extrapolation: ") && said.contains("times that of the fitted"), "{said}");
+    let said = |input: &str| -> Value {
+        let output = plid(at, &[&predict[..5], &[input, "--out", "y.csv", "--json"]].concat());
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let (near, far) = (said("new.csv"), said("loud.csv"));
+    assert!(near["beyond_fitted"].is_null() && far["beyond_fitted"]["times"].as_f64().unwrap() > 5.0, "{near} {far}");
+    assert!(far["expected_gap"].as_f64().unwrap() > 1.5 * near["expected_gap"].as_f64().unwrap(), "{near} {far}");
     // Its file is looked for in the folder that is named.
     let elsewhere = plid(at, &[&predict[..], &["z.csv", "--folder", "elsewhere"]].concat());
     assert!(stderr(&elsewhere).contains("models/oscillator2.fmu: No such file"), "{}", stderr(&elsewhere));

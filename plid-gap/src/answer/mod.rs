@@ -2,7 +2,7 @@
 
 mod motion;
 pub mod predict;
-mod range;
+pub(crate) mod range;
 pub mod schema;
 pub(crate) mod sentence;
 pub(crate) mod simulation;

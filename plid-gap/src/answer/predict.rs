@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use plid_model::Model;
 
-use crate::answer::range::{Beyond, FittedRange, peak};
+use crate::answer::range::{Beyond, FittedRange, difference, displacement_peaks, expected_gap, peak, require_sizes};
 use crate::answer::schema::SimulationWithEffects;
-use crate::case::record::{Channels, rms};
+use crate::case::record::Channels;
 use crate::case::{Controller, Intersample};
 use crate::effects::{Action, Effect, Flexible, Library, Parameter, Place, Range, Setting};
 use crate::error::GapError;
@@ -38,6 +38,7 @@ pub struct Predictor {
 }
 
 /// A prediction and its reliability.
+#[derive(Debug, Clone)]
 pub struct Prediction {
     /// Outputs (p channels).
     pub outputs: Channels,
@@ -81,7 +82,7 @@ impl Predictor {
         }
         let inputs = plant.controller.as_ref().map_or(model.inputs.clone(), |controller| controller.drivers());
         let setting = Setting::bare(&plant, &model);
-        require_sizes(&written, &plant).map_err(malformed)?;
+        require_possible_sizes(&written, &plant).map_err(malformed)?;
         let mut actions = Vec::new();
         for written in &written.effects {
             let sibling = Flexible::named(&written.effect);
@@ -143,7 +144,10 @@ impl Predictor {
         let linear = simulate(&self.plant, &[], u, t0, None, Fineness::FINE);
         self.require_bounded(&outputs, &linear)?;
         let correction = difference(&outputs, &linear);
-        let beyond = self.fitted.as_ref().map(|fitted| fitted.beyond(&self.plant, &self.model.inputs, u));
+        let beyond = self.fitted.as_ref().map(|fitted| {
+            let ports = self.plant.ports.iter().map(|port| &port.name);
+            fitted.beyond(&self.model.inputs, u, ports, &displacement_peaks(&self.plant, u))
+        });
         let given = self.as_given.as_ref().map(|given| simulate(given, &[], u, t0, None, Fineness::FINE));
         let change = given.map_or_else(|| correction.clone(), |given| difference(&outputs, &given));
         Ok(Prediction { outputs, correction, change, beyond })
@@ -168,18 +172,7 @@ impl Predictor {
     /// that the fitted records left beyond the noise, in proportion to how far the input exceeds them; and the share 1
     /// - 1 / times of the effects' correction. `None` if the outputs are zero, because nothing can be relative to them.
     pub fn expected_gap(&self, prediction: &Prediction, outputs: &[Vec<f64>]) -> Option<f64> {
-        let sizes: Vec<f64> = outputs.iter().map(rms).collect();
-        if sizes.contains(&0.0) {
-            return None;
-        }
-        let times = prediction.beyond.as_ref().map_or(1.0, |beyond| beyond.times);
-        let left = self.fitted.as_ref().map_or(0.0, |fitted| times * fitted.unexplained);
-        let share = 1.0 - 1.0 / times;
-        let extrapolated = |(correction, size): (&Vec<f64>, &f64)| (share * rms(correction) / size).powi(2);
-        let extrapolated: f64 =
-            prediction.correction.iter().zip(&sizes).map(extrapolated).sum::<f64>() / sizes.len() as f64;
-        let noise = crate::judge::gap::floor(&self.noise_rms, outputs);
-        Some((noise * noise + left * left + extrapolated).sqrt()).filter(|gap| gap.is_finite())
+        expected_gap(self.fitted.as_ref(), &self.noise_rms, prediction, outputs)
     }
 
     /// Simulates the outputs (p channels) for the channels of [`Predictor::inputs`], from rest, from time `t0` on,
@@ -200,23 +193,12 @@ impl Predictor {
 }
 
 /// Checks that every list has an entry for each channel and that every number is possible.
-fn require_sizes(written: &SimulationWithEffects, plant: &Plant) -> Result<(), String> {
-    let is_size = |x: &f64| x.is_finite() && *x >= 0.0;
-    let check = |key: &str, list: &[f64], count: usize| {
-        if list.len() == count && list.iter().all(is_size) {
-            return Ok(());
-        }
-        Err(format!("`{key}` must contain {count} nonnegative numbers"))
-    };
+fn require_possible_sizes(written: &SimulationWithEffects, plant: &Plant) -> Result<(), String> {
     if !written.t0.is_finite() {
         return Err(format!("`t0` is {}", written.t0));
     }
-    check("noise_rms", &written.noise_rms, plant.p)?;
-    let Some(fitted) = &written.fitted else { return Ok(()) };
-    check("fitted.input_rms", &fitted.input_rms, plant.m)?;
-    check("fitted.displacement_peak", &fitted.displacement_peak, plant.ports.len())?;
-    check("fitted.output_peak", &fitted.output_peak, plant.p)?;
-    check("fitted.unexplained", &[fitted.unexplained], 1)
+    require_sizes("noise_rms", &written.noise_rms, plant.p)?;
+    written.fitted.as_ref().map_or(Ok(()), |fitted| fitted.require_sizes(plant.m, plant.ports.len(), plant.p))
 }
 
 /// Checks that a parameter can have this value.
@@ -301,7 +283,8 @@ mod tests {
         let actions = CubicStiffness.act(&setting, &Place::Port(0), &[k]);
         let quiet = scaled(&u, 1e-3);
         let y = simulate(&plant, &[], &quiet, 0.0, None, Fineness::FINE);
-        let fitted = FittedRange::of(&plant, &[record(quiet, y)], 0.01, 0.005);
+        let peaks = displacement_peaks(&plant, &quiet);
+        let fitted = FittedRange::of(&[record(quiet, y)], &[peaks], 0.01, 0.005);
         let (intersample, inputs) = (Intersample::Zoh, model.inputs.clone());
         (
             Predictor {

@@ -2,14 +2,20 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::case::record::{Record, rms};
+use crate::answer::predict::Prediction;
+use crate::case::record::{Channels, Record, rms};
+use crate::judge::gap;
 use crate::plant::Plant;
 use crate::prepare::port_motion;
 
 /// Largest excess over the range that is stated. For an input that was never driven, the excess would be infinite.
 const MOST_TIMES: f64 = 1e3;
 
-/// Sizes in the fitted records, the largest over all of them. Motion is that of the linear simulation.
+/// Typical variation between records of one level: a smaller excess is not worth a warning.
+const JUST_BEYOND: f64 = 1.1;
+
+/// Sizes in the fitted records, the largest over all of them. Motion is that of the linear simulation, or that of a
+/// simulator in the loop with its effects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FittedRange {
     /// RMS of each input.
@@ -31,34 +37,46 @@ pub struct Beyond {
     pub what: String,
 }
 
+impl Beyond {
+    /// Returns whether the excess is larger than the variation between records of one level.
+    pub fn is_clear(&self) -> bool {
+        self.times > JUST_BEYOND
+    }
+
+    /// Returns the warning of a clear excess.
+    pub fn warning(&self) -> Option<String> {
+        let Self { times, what } = self;
+        let far = if *times < MOST_TIMES { format!("{times:.1} times") } else { "far beyond".to_string() };
+        self.is_clear().then(|| format!("extrapolation: {what} is {far} that of the fitted records"))
+    }
+}
+
 impl FittedRange {
-    /// Returns the range of these records. `stated` is the gap that is expected of them and `floor` that of their
-    /// noise.
-    pub fn of(plant: &Plant, records: &[Record], stated: f64, floor: f64) -> Self {
-        let largest = |size: &dyn Fn(&Record) -> Vec<f64>, count: usize| {
-            records.iter().map(size).fold(vec![0.0_f64; count], |mut most, sizes| {
-                most.iter_mut().zip(sizes).for_each(|(most, size)| *most = most.max(size));
-                most
-            })
-        };
+    /// Returns the range of these records, of which each has these peak displacements at the ports. `stated` is the gap
+    /// that is expected of them and `floor` that of their noise.
+    pub fn of(records: &[Record], displacement_peaks: &[Vec<f64>], stated: f64, floor: f64) -> Self {
+        let inputs: Vec<Vec<f64>> = records.iter().map(|record| record.u.iter().map(rms).collect()).collect();
+        let outputs: Vec<Vec<f64>> = records.iter().map(|record| record.y.iter().map(|y| peak(y)).collect()).collect();
         Self {
-            input_rms: largest(&|record| record.u.iter().map(rms).collect(), plant.m),
-            displacement_peak: largest(&|record| displacement_peaks(plant, &record.u), plant.ports.len()),
-            output_peak: largest(&|record| record.y.iter().map(|y| peak(y)).collect(), plant.p),
+            input_rms: largest(&inputs),
+            displacement_peak: largest(displacement_peaks),
+            output_peak: largest(&outputs),
             unexplained: (stated * stated - floor * floor).max(0.0).sqrt(),
         }
     }
 
-    /// Returns how far an input (m channels) exceeds the range.
-    pub fn beyond(&self, plant: &Plant, inputs: &[String], u: &[Vec<f64>]) -> Beyond {
-        let level = u
-            .iter()
-            .zip(&self.input_rms)
-            .zip(inputs)
-            .map(|((u, &fitted), name)| (format!("input `{name}`"), rms(u), fitted));
-        let motion = displacement_peaks(plant, u);
-        let motion = motion.into_iter().zip(&self.displacement_peak).zip(&plant.ports);
-        let motion = motion.map(|((now, &fitted), port)| (format!("motion at `{}`", port.name), now, fitted));
+    /// Returns how far inputs (m channels), with these peak displacements at the ports, exceed the range.
+    pub fn beyond<'n>(
+        &self,
+        inputs: impl IntoIterator<Item = &'n String>,
+        u: &[Vec<f64>],
+        ports: impl IntoIterator<Item = &'n String>,
+        displacement_peaks: &[f64],
+    ) -> Beyond {
+        let level = inputs.into_iter().zip(u).zip(&self.input_rms);
+        let level = level.map(|((name, u), &fitted)| (format!("input `{name}`"), rms(u), fitted));
+        let motion = ports.into_iter().zip(displacement_peaks).zip(&self.displacement_peak);
+        let motion = motion.map(|((name, &now), &fitted)| (format!("motion at `{name}`"), now, fitted));
         let times = |now: f64, fitted: f64| if now > 0.0 { (now / fitted).min(MOST_TIMES) } else { 0.0 };
         let within = Beyond { times: 1.0, what: String::new() };
         level.chain(motion).fold(within, |most, (what, now, fitted)| {
@@ -66,13 +84,72 @@ impl FittedRange {
             if times > most.times { Beyond { times, what } } else { most }
         })
     }
+
+    /// Checks that a range from a file has a size for each of m inputs, of the ports, and of p outputs.
+    ///
+    /// # Errors
+    /// Returns a sentence with the key.
+    pub(crate) fn require_sizes(&self, m: usize, ports: usize, p: usize) -> Result<(), String> {
+        require_sizes("fitted.input_rms", &self.input_rms, m)?;
+        require_sizes("fitted.displacement_peak", &self.displacement_peak, ports)?;
+        require_sizes("fitted.output_peak", &self.output_peak, p)?;
+        require_sizes("fitted.unexplained", &[self.unexplained], 1)
+    }
 }
 
-fn displacement_peaks(plant: &Plant, u: &[Vec<f64>]) -> Vec<f64> {
+/// Checks that a list from a file consists of so many sizes.
+///
+/// # Errors
+/// Returns a sentence with the key.
+pub(crate) fn require_sizes(key: &str, list: &[f64], count: usize) -> Result<(), String> {
+    let is_size = |x: &f64| x.is_finite() && *x >= 0.0;
+    if list.len() == count && list.iter().all(is_size) {
+        return Ok(());
+    }
+    Err(format!("`{key}` must contain {count} nonnegative numbers"))
+}
+
+/// Returns the relative gap that a prediction is expected to have, with these outputs and RMS of their noise. Three
+/// parts add as squares: the noise; the gap that the fitted records left beyond the noise, in proportion to how far the
+/// input exceeds them; and the share 1 - 1 / times of the effects' correction. `None` if the outputs are zero, because
+/// nothing can be relative to them.
+pub(crate) fn expected_gap(
+    fitted: Option<&FittedRange>,
+    noise_rms: &[f64],
+    prediction: &Prediction,
+    outputs: &[Vec<f64>],
+) -> Option<f64> {
+    let sizes: Vec<f64> = outputs.iter().map(rms).collect();
+    if sizes.contains(&0.0) {
+        return None;
+    }
+    let times = prediction.beyond.as_ref().map_or(1.0, |beyond| beyond.times);
+    let left = fitted.map_or(0.0, |fitted| times * fitted.unexplained);
+    let share = 1.0 - 1.0 / times;
+    let extrapolated = |(correction, size): (&Vec<f64>, &f64)| (share * rms(correction) / size).powi(2);
+    let extrapolated: f64 =
+        prediction.correction.iter().zip(&sizes).map(extrapolated).sum::<f64>() / sizes.len() as f64;
+    let noise = gap::floor(noise_rms, outputs);
+    Some((noise * noise + left * left + extrapolated).sqrt()).filter(|gap| gap.is_finite())
+}
+
+/// Returns the peak displacement at each port of a linear simulation.
+pub(crate) fn displacement_peaks(plant: &Plant, u: &[Vec<f64>]) -> Vec<f64> {
     port_motion(plant, u).iter().step_by(2).map(|displacement| peak(displacement)).collect()
+}
+
+/// Returns the change of outputs (p channels each) by effects.
+pub(crate) fn difference(with: &[Vec<f64>], without: &[Vec<f64>]) -> Channels {
+    with.iter().zip(without).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect()
 }
 
 /// Returns the peak of a channel; missing samples (NaN) do not count.
 pub(crate) fn peak(x: &[f64]) -> f64 {
     x.iter().fold(0.0, |most: f64, x| most.max(x.abs()))
+}
+
+/// Returns the largest of each size over all records.
+fn largest(sizes: &[Vec<f64>]) -> Vec<f64> {
+    let count = sizes.first().map_or(0, Vec::len);
+    (0..count).map(|at| sizes.iter().map(|of| of[at]).fold(0.0, f64::max)).collect()
 }

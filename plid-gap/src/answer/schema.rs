@@ -266,8 +266,24 @@ pub struct Used {
     pub runs: usize,
     /// Time in the simulator, in s.
     pub seconds: f64,
-    /// Whether the bound on the runs ended the search early.
+    /// Whether a bound on the runs ended the search early.
     pub cut_short: bool,
+    /// The bound that ended it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended_by: Option<Bound>,
+    /// What was left out because of it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<String>,
+}
+
+/// A bound on the runs of a simulator, by its key in `[settings.in_loop]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Bound {
+    /// The number of runs.
+    Calls,
+    /// Their time.
+    Seconds,
 }
 
 /// An effect in a form for other programs.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use plid_model::Model;
 
-use crate::answer::range::FittedRange;
+use crate::answer::range::{FittedRange, displacement_peaks};
 use crate::answer::schema::{Gap, SimulationWithEffects, Value, WrittenEffect};
 use crate::case::Intersample;
 use crate::effects::{Parameter, Place, Setting};
@@ -54,6 +54,7 @@ pub(crate) fn written(
         .chain(shown.iter().map(|stochastic| &stochastic.placed).filter(|placed| !wanders(placed)))
         .map(|placed| written_effect(placed, setting, &refitted))
         .collect();
+    let peaks: Vec<Vec<f64>> = records.iter().map(|record| displacement_peaks(plant, &record.u)).collect();
     let modal = changed_plant(plant, &ready.problem.actions(fitted));
     let refit = refit_summary(&ready.problem, eta)
         .iter()
@@ -84,7 +85,7 @@ pub(crate) fn written(
         effects,
         t0,
         noise_rms: explained.noise_rms(),
-        fitted: Some(FittedRange::of(plant, records, gap.predicted_held_out_gap, gap.noise_floor)),
+        fitted: Some(FittedRange::of(records, &peaks, gap.predicted_held_out_gap, gap.noise_floor)),
         plant: ready.problem.settings.plant.clone(),
     }
 }

@@ -6,16 +6,20 @@ use plid_report::percent;
 use plid_simulator::Description;
 use serde::{Deserialize, Serialize};
 
-use crate::answer::schema::{Change, Explanation, Located, NamedEffect, Remainder, Used, Value, Where, WrittenEffect};
+use crate::answer::range::FittedRange;
+use crate::answer::schema::{
+    Bound, Change, Explanation, Located, NamedEffect, Remainder, Used, Value, Where, WrittenEffect,
+};
 use crate::case::FmuSource;
 use crate::fit::candidate::{in_words, joined};
 use crate::fit::problem::Placed;
+use crate::in_loop::bounds::Cut;
 use crate::in_loop::coupling::Response;
 use crate::in_loop::judge::{Judged, confidence};
 use crate::in_loop::problem::{Fit, Problem};
 use crate::judge::family::Family;
 use crate::judge::verdict::{Verdict, Weighted};
-use crate::settings::GapSettings;
+use crate::settings::{GapSettings, LoopSettings};
 
 /// The contents of diagnosis.json for a simulator in the loop. Keys that it shares with a diagnosis of a linear
 /// simulation have the same meaning.
@@ -97,8 +101,11 @@ pub struct SimulatorWithEffects {
     pub t0: f64,
     /// RMS of the noise of each output, in its unit.
     pub noise_rms: Vec<f64>,
-    /// The gap that is expected on new records.
+    /// The gap that is expected on new records of the level of the loudest fitted one.
     pub expected_gap: f64,
+    /// The range of the fitted records; files of former versions do not have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fitted: Option<FittedRange>,
 }
 
 /// The response of a port to a force.
@@ -241,6 +248,27 @@ pub(super) fn sentence(
     }
 }
 
+/// Number of things left out that a warning names; diagnosis.json has all of them.
+const NAMED: usize = 4;
+
+/// Returns the warning that a bound ended the search early.
+pub(super) fn cut_short(cut: &Cut, settings: &LoopSettings) -> String {
+    let named = cut.what[..cut.what.len().min(NAMED)].join("; ");
+    let more = match cut.what.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!("; and {more} more, which `simulator.left_out` in diagnosis.json lists"),
+    };
+    format!("{} ended the search early. Left out: {named}{more}.", capital(&bound(cut.by, settings)))
+}
+
+/// States a bound in words.
+fn bound(by: Bound, settings: &LoopSettings) -> String {
+    match by {
+        Bound::Calls => format!("the bound on the runs (`calls` = {})", settings.calls),
+        Bound::Seconds => format!("the bound on the time in the simulator (`seconds` = {})", settings.seconds),
+    }
+}
+
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
@@ -250,7 +278,8 @@ impl LoopDiagnosis {
     /// Returns the answer as text: the sentence, then each parameter with its interval.
     pub fn text(&self) -> String {
         let lines: String = self.effects.iter().map(NamedEffect::lines).collect();
-        let Used { name, runs, seconds, .. } = &self.simulator;
-        format!("{}\n{lines}  {runs} runs of {name} in {seconds:.1} s\n", self.sentence)
+        let Used { name, runs, seconds, ended_by, .. } = &self.simulator;
+        let cut = ended_by.map(|by| format!("; {} ended the search early", bound(by, &self.settings.in_loop)));
+        format!("{}\n{lines}  {runs} runs of {name} in {seconds:.1} s{}\n", self.sentence, cut.unwrap_or_default())
     }
 }

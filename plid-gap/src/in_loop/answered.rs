@@ -5,7 +5,7 @@ use std::path::Path;
 use plid_file::{NotFinite, to_json};
 use plid_simulator::{Checked, Simulator};
 
-use crate::answer::predict::Predictor;
+use crate::answer::predict::{Prediction, Predictor};
 use crate::answer::schema::Used;
 use crate::case::Case;
 use crate::case::levels::loudest;
@@ -66,7 +66,8 @@ pub(super) fn by_model(
         realised.error
     ));
     let seconds = calls.time.as_secs_f64();
-    outcome.diagnosis.simulator = Some(Used { name, runs: calls.runs, seconds, cut_short: false });
+    outcome.diagnosis.simulator =
+        Some(Used { name, runs: calls.runs, seconds, cut_short: false, ended_by: None, left_out: Vec::new() });
     Ok(Some(Answered::ByModel(Box::new((outcome, case)))))
 }
 
@@ -129,11 +130,11 @@ impl Answered {
         library: &Library,
         u: &[Vec<f64>],
         t0: f64,
-    ) -> Result<Channels, GapError> {
+    ) -> Result<Prediction, GapError> {
         match self {
             Self::ByModel(found) => {
                 let written = found.0.simulation.clone();
-                Ok(Predictor::new(written, library, Path::new("the diagnosis"))?.predict(u, t0)?.outputs)
+                Predictor::new(written, library, Path::new("the diagnosis"))?.predict(u, t0)
             }
             Self::InLoop(outcome) => {
                 let predictor = LoopPredictor::new(outcome.simulation.clone()).map_err(GapError::Failed)?;
@@ -151,5 +152,18 @@ impl Answered {
             Self::ByModel(found) => crate::report::write(&found.0, case, folder),
             Self::InLoop(outcome) => report::write(outcome, case, folder),
         }
+    }
+
+    /// Writes the report alone to a file, whole or not at all. The page needs no other file.
+    ///
+    /// # Errors
+    /// [`GapError::NotFinite`] with a number of the diagnosis that is not finite; [`GapError::Io`] with the file.
+    pub fn write_page(&self, case: &Case, file: &Path) -> Result<(), GapError> {
+        self.diagnosis().map_err(|source| GapError::NotFinite { file: file.into(), source })?;
+        let page = match self {
+            Self::ByModel(found) => crate::report::page(&found.0, case),
+            Self::InLoop(outcome) => report::page(outcome, case),
+        };
+        page.write(file).map_err(|source| GapError::Io { file: file.into(), source })
     }
 }

@@ -4,8 +4,9 @@
 //! imitates a part of both. If a pair leaves much of the gap, each of its effects is therefore removed in turn, and all
 //! others are screened in its place.
 
-use crate::fit::candidate::same;
+use crate::fit::candidate::{in_words, same};
 use crate::fit::problem::Placed;
+use crate::in_loop::bounds::Bounds;
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
 use crate::in_loop::screen::{Entry, screen};
@@ -13,24 +14,29 @@ use crate::in_loop::search::Search;
 
 impl<'a> Search<'_, 'a> {
     /// Adds explanations in which one effect of the best explanation is exchanged for another, as long as the best one
-    /// leaves more than `least` of the output and fewer than `bound` runs were made. All are fitted to the first
+    /// leaves more than `least` of the output and the bounds allow further runs. All are fitted to the first
     /// samples of one record; the best comes first.
     pub(super) fn exchange(
         &self,
         quick: &Problem<'a>,
         runs: &mut Runs,
         mut fits: Vec<Fit<'a>>,
-        (least, bound): (f64, usize),
+        (least, bounds): (f64, Bounds),
         say: &mut dyn FnMut(String),
     ) -> Vec<Fit<'a>> {
         let places = fits.first().map_or(0, |best| best.effects.len());
         for at in 0..places {
             let best = fits[0].clone();
-            if self.left(quick, &best) < least || runs.calls().runs >= bound {
+            if self.left(quick, &best) < least {
+                break;
+            }
+            if let (0, by) = bounds.left(runs.spent(), quick.samples()) {
+                let words = in_words(&best.effects, &quick.setting.names);
+                runs.leave_out(by, format!("other effects in place of effect {} of {words}", at + 1));
                 break;
             }
             say(format!("trying other effects in place of effect {} of {}", at + 1, self.words(quick, &best)));
-            fits.extend(self.others(quick, runs, &best, at, bound, say));
+            fits.extend(self.others(quick, runs, &best, at, bounds, say));
             fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
         }
         fits
@@ -43,13 +49,13 @@ impl<'a> Search<'_, 'a> {
         runs: &mut Runs,
         best: &Fit<'a>,
         at: usize,
-        bound: usize,
+        bounds: Bounds,
         say: &mut dyn FnMut(String),
     ) -> Vec<Fit<'a>> {
         let rest: Vec<Placed> = [&best.effects[..at], &best.effects[at + 1..]].concat();
         let Ok(simulated) = quick.simulate(runs, &rest, &best.eta) else { return Vec::new() };
         let beside = quick.as_is(rest, best.eta.clone(), simulated);
-        let entries = screen(quick, runs, &self.effects, &beside, &self.scope, bound, say);
+        let entries = screen(quick, runs, &self.effects, &beside, &self.scope, bounds, say);
         let is_first = |at: usize| !entries[..at].iter().any(|other| same(&other.placed, &entries[at].placed));
         let is_new = |entry: &&Entry| !same(&entry.placed, &best.effects[at]);
         let distinct = (0..entries.len()).filter(|at| is_first(*at)).map(|at| &entries[at]).filter(is_new);

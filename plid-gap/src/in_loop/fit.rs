@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector, DVectorView};
 use plid_lsq::{Damping, Normal, Stop, minimise};
 
 use crate::effects::Range;
+use crate::fit::candidate::in_words;
 use crate::fit::problem::{Placed, sum_of_squares};
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
@@ -31,11 +32,14 @@ struct Fitting<'f, 'a, 's> {
 impl<'a> Problem<'a> {
     /// Fits the sizes of effects, and the nuisances within their limits, by damped Gauss-Newton steps on runs of the
     /// simulator itself. The derivatives by the nuisances are those at the simulator as given. The cost of a run that
-    /// fails is infinite.
+    /// fails is infinite. A step is begun only if the bounds on the runs allow it with all of its dampings.
     pub fn fit(&self, runs: &mut Runs, start: Fit<'a>, steps: usize, gain: f64) -> Fit<'a> {
         let mut fitting = Fitting { problem: self, runs: Mutex::new(runs) };
         let stop = Stop { steps, gain, ..Stop::default() };
         let Ok(found) = minimise(&mut fitting, start, DAMPING, stop);
+        if found.steps == 0 {
+            return found.point;
+        }
         let spread = (found.point.cost / self.rows() as f64).max(1.0);
         Fit { covariance: self.covariance(&found.equations, &found.point, spread), ..found.point }
     }
@@ -63,9 +67,7 @@ impl<'a> Problem<'a> {
     fn jacobian(&self, runs: &mut Runs, at: &Fit<'a>) -> DMatrix<f64> {
         let (rows, nuisances, count) = (self.rows(), self.nuisances.len(), at.parameters());
         let mut jacobian = DMatrix::zeros(rows + nuisances, count + nuisances);
-        let unit = |k: usize| DVector::from_fn(count + nuisances, |i, _| if i == k { DIFFERENCE } else { 0.0 });
-        let moved: Vec<_> = (0..count).map(|k| self.moved(at, unit(k).as_slice())).collect();
-        for (k, simulated) in self.simulate_all(runs, &moved).into_iter().enumerate() {
+        for (k, simulated) in self.simulate_all(runs, &self.shifted(at)).into_iter().enumerate() {
             // A parameter at its bound may not move, or the simulator may fail there: its derivative stays zero.
             let Ok(simulated) = simulated else { continue };
             let change = self.trace(&at.simulated, &simulated);
@@ -79,6 +81,20 @@ impl<'a> Problem<'a> {
             jacobian[(rows + k, count + k)] = 1.0;
         }
         jacobian
+    }
+
+    /// Returns effects and nuisances after a small step of each parameter of the effects.
+    fn shifted(&self, at: &Fit<'a>) -> Vec<(Vec<Placed<'a>>, Vec<f64>)> {
+        let (count, nuisances) = (at.parameters(), self.nuisances.len());
+        let unit = |k: usize| DVector::from_fn(count + nuisances, |i, _| if i == k { DIFFERENCE } else { 0.0 });
+        (0..count).map(|k| self.moved(at, unit(k).as_slice())).collect()
+    }
+
+    /// Returns the number of runs for derivatives and a step with all of its dampings.
+    fn runs_of_step(&self, runs: &Runs, at: &Fit<'a>) -> usize {
+        let all = vec![DIFFERENCE; at.parameters() + self.nuisances.len()];
+        let step = self.needed(runs, &[self.moved(at, &all)]);
+        self.needed(runs, &self.shifted(at)) + DAMPING.tries * step
     }
 
     /// Returns effects and nuisances after a step: in the logarithm of a positive parameter, and in units of any other.
@@ -129,6 +145,16 @@ impl<'a> plid_lsq::Problem for Fitting<'_, 'a, '_> {
     fn linearise(&mut self, at: &Fit<'a>, equations: &mut Normal) -> Result<(), Infallible> {
         *equations = self.problem.linearised(&mut self.runs(), at);
         Ok(())
+    }
+
+    fn may_go_on(&self, at: &Fit<'a>) -> bool {
+        let runs = &mut **self.runs();
+        let names = &self.problem.setting.names;
+        let what = || match &at.effects[..] {
+            [] => "steps of the fit of the parameters within their limits".into(),
+            effects => format!("steps of the fit of {}", in_words(effects, names)),
+        };
+        runs.may(self.problem.runs_of_step(runs, at), self.problem.samples(), what)
     }
 
     fn advance(&self, from: &Fit<'a>, step: &DVector<f64>, to: &mut Fit<'a>) {

@@ -9,6 +9,7 @@
 
 mod answer;
 mod answered;
+mod bounds;
 mod coupling;
 mod exchange;
 mod fit;
@@ -41,6 +42,7 @@ use crate::case::split::split;
 use crate::effects::{Effect, Library, Place};
 use crate::error::GapError;
 use crate::fit::problem::Placed;
+use crate::in_loop::bounds::Bounds;
 use crate::in_loop::judge::judge;
 use crate::in_loop::measure::Opened;
 use crate::in_loop::outcome::Told;
@@ -143,6 +145,7 @@ pub fn diagnose_in_loop(
         noise: noise.std.clone(),
         material: case.config.material,
     };
+    runs.bind(Bounds::of(&settings.in_loop, closing_runs(&search, &problem, &held_out), problem.samples()));
     let mut found = search.run(&mut problem, &mut runs, &given, say);
     if !found.fits[0].effects.is_empty() {
         found.fits[0].covariance = problem.stated_covariance(&mut runs, &found.fits[0], &noise.std);
@@ -150,14 +153,21 @@ pub fn diagnose_in_loop(
     let judged = judge(&search, &problem, &found, &settings.judge);
     let opened = Opened { case, problem: &problem, noise: &noise, held_out: &held_out };
     let measured = opened.measure(&mut runs, &found, &judged)?;
-    // The limits are the case's, and no part of the simulator that a prediction runs.
-    let own = runs.description().clone();
-    let simulation = opened.simulation(&found, &judged, own, written_ports, measured.gap.predicted_held_out_gap);
+    let simulation = opened.simulation(&mut runs, &found, &judged, written_ports, &measured.gap)?;
     Ok(opened.outcome(
         &Told { runs: &runs, search: &search, found: &found, judged: &judged, warnings },
         &measured,
         simulation,
     ))
+}
+
+/// Returns the number of runs that follow a search: the derivatives of an explanation whose effects have two parameters
+/// each, on the fitted records; the gaps on other records, without effects, with all and without each; and one run on
+/// each fitted record for the range of the motion.
+fn closing_runs(search: &Search, problem: &Problem, held_out: &[Record]) -> usize {
+    let (effects, fitted) = (search.settings.effects, problem.records.len());
+    let motion = if problem.setting.names.ports.is_empty() { 0 } else { fitted };
+    2 * effects * fitted + (3 + effects) * held_out.len().max(1) + motion
 }
 
 /// # Errors

@@ -1,13 +1,13 @@
 //! From a judged search to the answer.
 
-use plid_simulator::Description;
-
+use crate::answer::range::FittedRange;
 use crate::answer::schema::{Located, Remainder, RemainderPlace, Used, Where};
 use crate::answer::simulation::written_effect;
 use crate::answer::{MOST_NEAREST, whereabouts};
 use crate::case::SimulatorConfig;
 use crate::case::record::{Channels, Record};
 use crate::effects::{Names, Place, Side};
+use crate::error::GapError;
 use crate::fit::candidate::{all_same, in_words, same};
 use crate::fit::problem::Placed;
 use crate::in_loop::answer::{self, LoopDiagnosis, SimulatorWithEffects, WrittenPort};
@@ -17,7 +17,7 @@ use crate::in_loop::predict::FORMAT;
 use crate::in_loop::runs::Runs;
 use crate::in_loop::screen::Entry;
 use crate::in_loop::search::{Found, Search};
-use crate::in_loop::{LoopOutcome, Shown};
+use crate::in_loop::{LoopGap, LoopOutcome, Shown};
 use crate::judge::gap;
 use crate::judge::locate;
 use crate::judge::verdict::{Verdict, Weighted};
@@ -63,7 +63,9 @@ impl<'a> Opened<'_, 'a> {
             let name = nuisance.place.location(names);
             (name, [nuisance.value, nuisance.value + eta * nuisance.std, *eta])
         });
-        let calls = runs.calls();
+        let (calls, cut) = (runs.calls(), runs.cut());
+        let mut warnings = told.warnings.clone();
+        warnings.extend(cut.map(|cut| answer::cut_short(cut, &case.config.settings.in_loop)));
         let diagnosis = LoopDiagnosis {
             verdict: judged.verdict,
             sentence,
@@ -77,11 +79,13 @@ impl<'a> Opened<'_, 'a> {
                 name: simulation.simulator.name.clone(),
                 runs: calls.runs,
                 seconds: calls.time.as_secs_f64(),
-                cut_short: found.cut_short,
+                cut_short: cut.is_some(),
+                ended_by: cut.map(|cut| cut.by),
+                left_out: cut.map(|cut| cut.what.clone()).unwrap_or_default(),
             },
             refit: refit.collect(),
             settings: case.config.settings.clone(),
-            warnings: told.warnings.clone(),
+            warnings,
         };
         LoopOutcome { diagnosis, simulation, shown: self.shown(told, measured) }
     }
@@ -140,15 +144,18 @@ impl<'a> Opened<'_, 'a> {
         }
     }
 
-    /// Returns the content of the file that a prediction uses.
+    /// Returns what a prediction uses. If the simulator has ports, it is run once more on each fitted record, for the
+    /// range of their motion.
     pub fn simulation(
         &self,
+        runs: &mut Runs,
         found: &Found<'a>,
         judged: &Judged,
-        description: Description,
         ports: Vec<WrittenPort>,
-        expected_gap: f64,
-    ) -> SimulatorWithEffects {
+        gap: &LoopGap,
+    ) -> Result<SimulatorWithEffects, GapError> {
+        // The limits are the case's, and no part of the simulator that a prediction runs.
+        let description = runs.description().clone();
         let Self { case, problem, noise, .. } = self;
         let fit = if judged.verdict == Verdict::Effects { &found.fits[0] } else { &found.refit };
         let all = problem.with_nuisances(&fit.effects, &fit.eta);
@@ -158,10 +165,16 @@ impl<'a> Opened<'_, 'a> {
                 values[k] = description.parameters[k].bounded(placed.parameters[0]);
             }
         }
+        let mut peaks = vec![Vec::new(); problem.records.len()];
+        if !ports.is_empty() {
+            for (peaks, record) in peaks.iter_mut().zip(&problem.records) {
+                *peaks = runs.simulate_with_motion(&problem.setting, &all, record)?.1;
+            }
+        }
         let around = all.iter().filter(|placed| !judge::is_parameter(&placed.place));
         let end = |record: &Record| record.start_s + record.samples() as f64 / problem.setting.plant.rate;
         let command = case.config.simulator.as_ref().map(|simulator| simulator.command.clone());
-        SimulatorWithEffects {
+        Ok(SimulatorWithEffects {
             format: FORMAT.into(),
             parameters: description.parameters.iter().map(|p| p.name.clone()).zip(values).collect(),
             simulator: description,
@@ -171,8 +184,9 @@ impl<'a> Opened<'_, 'a> {
             effects: around.map(|placed| written_effect(placed, &problem.setting, &problem.setting)).collect(),
             t0: case.records.iter().map(end).fold(0.0, f64::max),
             noise_rms: noise.std.clone(),
-            expected_gap,
-        }
+            expected_gap: gap.predicted_held_out_gap,
+            fitted: Some(FittedRange::of(&problem.records, &peaks, gap.predicted_held_out_gap, gap.noise_floor)),
+        })
     }
 }
 

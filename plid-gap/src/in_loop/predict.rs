@@ -5,8 +5,9 @@ use std::path::Path;
 
 use plid_simulator::{Checked, Description, Simulator};
 
-use crate::answer::predict::place;
-use crate::case::record::{Channels, Excitation, Record};
+use crate::answer::predict::{Prediction, place};
+use crate::answer::range::{difference, expected_gap, require_sizes};
+use crate::case::record::{Excitation, Record};
 use crate::effects::{Effect, Library, Place, Setting};
 use crate::error::GapError;
 use crate::fit::problem::Placed;
@@ -61,13 +62,19 @@ impl LoopPredictor {
         {
             return Err(format!("port {:?} has an impossible mobility or weight", port.name));
         }
+        let (m, p) = (description.inputs.len(), description.outputs.len());
+        require_sizes("noise_rms", &written.noise_rms, p)?;
+        if let Some(fitted) = &written.fitted {
+            fitted.require_sizes(m, description.ports.len(), p)?;
+        }
         let response = |port: &super::WrittenPort| Response { mobility: port.mobility, weight: port.weight, step };
         let responses: Vec<Response> = written.ports.iter().map(response).collect();
         let setting = survey::bare(description, &responses).map_err(|error| error.to_string())?;
         Ok(Self { setting, responses, written })
     }
 
-    /// Predicts the outputs (p channels) for inputs (m channels), from rest, from time `t0` on.
+    /// Predicts the outputs (p channels) for inputs (m channels), from rest, from time `t0` on. An input beyond the
+    /// fitted range takes a second run, without the effects, because the expected gap depends on their correction.
     ///
     /// # Errors
     /// [`GapError::Simulator`] if the simulator fails or is another one; [`GapError::Failed`] if the library lacks an
@@ -78,7 +85,7 @@ impl LoopPredictor {
         library: &Library,
         u: &[Vec<f64>],
         t0: f64,
-    ) -> Result<Channels, GapError> {
+    ) -> Result<Prediction, GapError> {
         let checked = Checked::new(simulator)?;
         self.require_same(checked.description())?;
         let parameters = SimulatorParameter::all(&self.written.simulator.parameters);
@@ -93,7 +100,25 @@ impl LoopPredictor {
             y: Vec::new(),
             simulated: None,
         };
-        Ok(Runs::new(checked, self.responses.clone()).simulate(&self.setting, &effects, &record)?)
+        let mut runs = Runs::new(checked, self.responses.clone());
+        let (outputs, peaks) = runs.simulate_with_motion(&self.setting, &effects, &record)?;
+        let known = &self.written.simulator;
+        let (inputs, ports) = (known.inputs.iter().map(|i| &i.name), known.ports.iter().map(|port| &port.name));
+        let beyond = self.written.fitted.as_ref().map(|fitted| fitted.beyond(inputs, u, ports, &peaks));
+        let exceeds = beyond.as_ref().is_some_and(|beyond| beyond.times > 1.0);
+        let bare = if exceeds { runs.simulate(&self.setting, &[], &record)? } else { outputs.clone() };
+        Ok(Prediction { correction: difference(&outputs, &bare), outputs, beyond })
+    }
+
+    /// Returns the relative gap that a prediction is expected to have, as
+    /// [`Predictor::expected_gap`](crate::answer::predict::Predictor::expected_gap) does. A file of a former version
+    /// does not state the fitted range: its expected gap does not depend on the input.
+    pub fn expected_gap(&self, prediction: &Prediction) -> Option<f64> {
+        let SimulatorWithEffects { fitted, noise_rms, .. } = &self.written;
+        match fitted {
+            None => Some(self.written.expected_gap),
+            Some(fitted) => expected_gap(Some(fitted), noise_rms, prediction, &prediction.outputs),
+        }
     }
 
     /// Checks that a simulator has the channels and parameters of the diagnosed one.

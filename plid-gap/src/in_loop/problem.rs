@@ -210,6 +210,31 @@ impl<'a> Problem<'a> {
         with.iter().map(|_| done.by_ref().take(self.records.len()).collect::<Vec<_>>().into_iter().collect()).collect()
     }
 
+    /// Returns the number of runs that [`Problem::simulate_all`] would take.
+    pub fn needed(&self, runs: &Runs, all: &[(Vec<Placed<'a>>, Vec<f64>)]) -> usize {
+        let with: Vec<Vec<Placed>> = all.iter().map(|(effects, eta)| self.with_nuisances(effects, eta)).collect();
+        let asked: Vec<(&[Placed], &Record)> =
+            with.iter().flat_map(|effects| self.records.iter().map(|record| (effects.as_slice(), record))).collect();
+        runs.needed(&self.setting, &asked)
+    }
+
+    /// Returns whether the bounds allow simulations with these effects and nuisances. If not, `what` is noted as left
+    /// out.
+    pub fn may_simulate(
+        &self,
+        runs: &mut Runs,
+        all: &[(Vec<Placed<'a>>, Vec<f64>)],
+        what: impl FnOnce() -> String,
+    ) -> bool {
+        let needed = self.needed(runs, all);
+        runs.may(needed, self.samples(), what)
+    }
+
+    /// Returns the number of samples of the longest record.
+    pub fn samples(&self) -> usize {
+        self.records.iter().map(Record::samples).max().unwrap_or(0)
+    }
+
     /// Returns an explanation without a fit.
     pub fn as_is(&self, effects: Vec<Placed<'a>>, eta: Vec<f64>, simulated: Vec<Channels>) -> Fit<'a> {
         let mut residual = self.whitened(&simulated);

@@ -65,7 +65,10 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
             used.name,
             used.runs,
             used.seconds,
-            if used.cut_short { " The search ended early, at the limit on runs." } else { "" }
+            match &used.left_out[..] {
+                [] => String::new(),
+                left_out => format!(" A bound on the runs left this out: {}.", left_out.join("; ")),
+            }
         ))
         .listing("The case, with all default values:", to_toml(&case.config))
         .provenance("plid", env!("CARGO_PKG_VERSION"))

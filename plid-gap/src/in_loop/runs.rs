@@ -1,10 +1,14 @@
 //! Runs of the engineer's own simulator with effects around it and at its ports.
 
+use std::time::Instant;
+
 use plid_simulator::{Calls, Checked, Description, Failure, Instance, Motion, SimulatorError};
 
+use crate::answer::schema::Bound;
 use crate::case::record::{Channels, Record};
 use crate::effects::{Action, Drive, Force, Setting};
 use crate::fit::problem::Placed;
+use crate::in_loop::bounds::{Bounds, Cut, Spent};
 use crate::in_loop::coupling::{Coupling, Response};
 use crate::plant::Load;
 
@@ -17,6 +21,9 @@ pub(super) struct Runs<'s> {
     responses: Vec<Response>,
     remembered: Vec<Remembered>,
     rest: Option<Rest>,
+    bounds: Bounds,
+    spent: Spent,
+    cut: Option<Cut>,
 }
 
 /// A simulator that stays at rest without inputs: its outputs there (p).
@@ -106,9 +113,14 @@ impl Prepared<'_> {
         if self.at.is_empty() && (self.drive.parts == 1 || steps < 2) {
             return instance.run(&self.values, &regrouped(&self.drive, 1));
         }
+        instance.run_with(&self.values, &regrouped(&self.drive, steps), self.forces(steps, responses))
+    }
+
+    /// Returns what computes the forces at the ports before each step.
+    fn forces(&self, steps: usize, responses: &[Response]) -> impl FnMut(usize, &[Motion], &mut [f64]) {
         let mut couplings = self.at.couplings(responses);
         let rate = self.drive.rate * steps as f64;
-        instance.run_with(&self.values, &regrouped(&self.drive, steps), |step, motions, forces| {
+        move |step, motions, forces| {
             forces.fill(0.0);
             let t = self.record.start_s + step as f64 / rate;
             for (port, push) in &self.at.pushes {
@@ -117,7 +129,7 @@ impl Prepared<'_> {
             for (coupling, port) in &mut couplings {
                 forces[*port] = coupling.force(motions[*port], forces[*port]);
             }
-        })
+        }
     }
 }
 
@@ -140,7 +152,47 @@ fn remember(remembered: &mut Vec<Remembered>, prepared: &Prepared, y: &Channels)
 impl<'s> Runs<'s> {
     /// Wraps a simulator whose ports have these responses.
     pub fn new(simulator: Checked<'s>, responses: Vec<Response>) -> Self {
-        Self { simulator, responses, remembered: Vec::new(), rest: None }
+        let calls = simulator.calls();
+        let spent = Spent { runs: calls.runs, seconds: calls.time.as_secs_f64(), timed: (0, 0.0) };
+        Self { simulator, responses, remembered: Vec::new(), rest: None, bounds: Bounds::NONE, spent, cut: None }
+    }
+
+    /// Sets the bounds of a search. They bind [`Runs::may`]; a run is never refused.
+    pub fn bind(&mut self, bounds: Bounds) {
+        self.bounds = bounds;
+    }
+
+    /// Returns the bounds.
+    pub fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+
+    /// Returns the runs so far.
+    pub fn spent(&self) -> Spent {
+        self.spent
+    }
+
+    /// Returns what was left out because of the bounds.
+    pub fn cut(&self) -> Option<&Cut> {
+        self.cut.as_ref()
+    }
+
+    /// Returns whether this number of further runs, of so many samples each, is within the bounds. If not, `what` is
+    /// noted as left out.
+    pub fn may(&mut self, needed: usize, samples: usize, what: impl FnOnce() -> String) -> bool {
+        let (left, by) = self.bounds.left(self.spent, samples);
+        if needed > left {
+            self.leave_out(by, what());
+        }
+        needed <= left
+    }
+
+    /// Notes what is left out because of a bound.
+    pub fn leave_out(&mut self, by: Bound, what: String) {
+        let cut = self.cut.get_or_insert_with(|| Cut { by, what: Vec::new() });
+        if !cut.what.contains(&what) {
+            cut.what.push(what);
+        }
     }
 
     /// Determines from a run without effects whether the simulator stays at rest, that is, whether neither an input nor
@@ -193,6 +245,46 @@ impl<'s> Runs<'s> {
         self.simulate_all(setting, &[(effects, record)]).remove(0)
     }
 
+    /// Returns the outputs (p channels) for the inputs of a record, with effects, and the peak displacement at each
+    /// port from its position at rest. A simulator with ports is run step by step.
+    ///
+    /// # Errors
+    /// [`SimulatorError`] if the simulator fails.
+    pub fn simulate_with_motion(
+        &mut self,
+        setting: &Setting,
+        effects: &[Placed],
+        record: &Record,
+    ) -> Result<(Channels, Vec<f64>), SimulatorError> {
+        let (steps, ports) = (self.description().steps_per_sample, self.description().ports.len());
+        if ports == 0 {
+            return Ok((self.simulate(setting, effects, record)?, Vec::new()));
+        }
+        let acting = Acting::new(setting, effects);
+        let prepared = self.prepared(&acting, record, setting.plant.rate);
+        let mut peaks = vec![0.0_f64; ports];
+        let mut y = if let Some(y) = self.resting(&prepared) {
+            y
+        } else {
+            let began = Instant::now();
+            let mut forces = prepared.forces(steps, &self.responses);
+            let mut rest: Option<Vec<Motion>> = None;
+            let u = regrouped(&prepared.drive, steps);
+            let y = self.simulator.run_with(&prepared.values, &u, |step, motions, applied| {
+                let rest = rest.get_or_insert_with(|| motions.to_vec());
+                for (peak, (now, rest)) in peaks.iter_mut().zip(motions.iter().zip(rest)) {
+                    *peak = peak.max((now.displacement - rest.displacement).abs());
+                }
+                forces(step, motions, applied);
+            })?;
+            drop(forces);
+            self.count(record.samples(), began);
+            y
+        };
+        acting.sense(&mut y, record.start_s, setting.plant.rate);
+        Ok((y, peaks))
+    }
+
     /// Returns the outputs of several runs, each of a record with effects. They go side by side if the simulator has
     /// instances; the answers do not depend on that.
     pub fn simulate_all(
@@ -240,6 +332,20 @@ impl<'s> Runs<'s> {
         finished.collect()
     }
 
+    /// Returns the number of runs that [`Runs::simulate_all`] would carry out.
+    pub fn needed(&self, setting: &Setting, asked: &[(&[Placed], &Record)]) -> usize {
+        let acting: Vec<Acting> = asked.iter().map(|(effects, _)| Acting::new(setting, effects)).collect();
+        let run = |k: usize| (&asked[k].1.name, asked[k].1.samples(), &acting[k].inside);
+        let takes_one = |&k: &usize| {
+            let record = asked[k].1;
+            let still = record.u.iter().flatten().all(|u| *u == 0.0);
+            !(0..k).any(|other| run(other) == run(k))
+                && self.known(&acting[k], record).is_none()
+                && !(still && self.resting(&self.prepared(&acting[k], record, setting.plant.rate)).is_some())
+        };
+        (0..asked.len()).filter(takes_one).count()
+    }
+
     /// Returns the outputs of an earlier run that is the same before the sensors.
     fn known(&self, acting: &Acting, record: &Record) -> Option<Channels> {
         let same = |known: &&Remembered| {
@@ -271,7 +377,19 @@ impl<'s> Runs<'s> {
     fn carried_out(&mut self, all: &[Prepared]) -> Vec<Result<Channels, SimulatorError>> {
         let (steps, responses) = (self.description().steps_per_sample, self.responses.clone());
         let runs: Vec<_> = all.iter().map(|prepared| |of: &mut Instance| prepared.run(of, steps, &responses)).collect();
-        self.simulator.all(&runs)
+        let began = Instant::now();
+        let done = self.simulator.all(&runs);
+        let samples = done.iter().flatten().map(|y| y.first().map_or(0, Vec::len)).sum();
+        self.count(samples, began);
+        done
+    }
+
+    /// Counts runs that have just ended.
+    fn count(&mut self, samples: usize, began: Instant) {
+        let seconds = began.elapsed().as_secs_f64();
+        let Spent { seconds: before, timed, .. } = self.spent;
+        let timed = (timed.0 + samples, timed.1 + seconds);
+        self.spent = Spent { runs: self.simulator.calls().runs, seconds: before + seconds, timed };
     }
 
     /// Runs step by step with these forces, and returns outputs and the motions after each step.

@@ -1,7 +1,9 @@
 //! The screen: one run for each effect, location and starting value shows how much of the gap its trace explains.
 
 use crate::effects::{Action, Effect, Range};
+use crate::fit::candidate::in_words;
 use crate::fit::problem::{Placed, dot, sum_of_squares};
+use crate::in_loop::bounds::Bounds;
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
 use crate::search::rules::Scope;
@@ -27,7 +29,7 @@ fn possible(effect: &dyn Effect, placed: &Placed, problem: &Problem) -> bool {
         && actions.iter().all(|action| !matches!(action, Action::Plant(_) | Action::Stiffness(_) | Action::Noise))
 }
 
-/// Screens all effects in the presence of an explanation until `bound` runs were made. The entries are sorted by their
+/// Screens all effects in the presence of an explanation within bounds on the runs. The entries are sorted by their
 /// gain, the largest first, and hold every starting value of each effect at each location. `problem` holds the records
 /// that are screened.
 pub(super) fn screen<'a>(
@@ -36,14 +38,14 @@ pub(super) fn screen<'a>(
     effects: &[&'a dyn Effect],
     beside: &Fit<'a>,
     scope: &Scope,
-    bound: usize,
+    bounds: Bounds,
     say: &mut dyn FnMut(String),
 ) -> Vec<Entry<'a>> {
     let residual = problem.beyond_limits(&beside.residual[..problem.rows()]);
     let mut entries: Vec<Entry> = Vec::new();
-    for &effect in effects {
+    for (k, &effect) in effects.iter().enumerate() {
         let mut all = starts(problem, effect, beside, scope);
-        let left = bound.saturating_sub(runs.calls().runs);
+        let (left, by) = bounds.left(runs.spent(), problem.samples());
         let cut = all.len() > left;
         all.truncate(left);
         let with = |placed: &Placed<'a>| {
@@ -58,12 +60,23 @@ pub(super) fn screen<'a>(
         }
         if cut {
             say("no runs are left for the rest of the screen".into());
+            let mut names: Vec<&str> = effects[k..].iter().map(|effect| effect.name()).collect();
+            names.dedup();
+            runs.leave_out(by, format!("the screen of {}{}", names.join(", "), in_presence(problem, beside)));
             break;
         }
         say(format!("screened {}, {} runs so far", effect.name(), runs.calls().runs));
     }
     entries.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     entries
+}
+
+/// Returns the effects beside which others are screened, in words.
+fn in_presence(problem: &Problem, beside: &Fit) -> String {
+    if beside.effects.is_empty() {
+        return String::new();
+    }
+    format!(" beside {}", in_words(&beside.effects, &problem.setting.names))
 }
 
 /// Returns an effect with all of its starting values at all locations at which it may be added to an explanation.

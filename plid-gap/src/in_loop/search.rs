@@ -3,7 +3,7 @@
 
 use crate::case::record::Channels;
 use crate::effects::Effect;
-use crate::fit::candidate::{all_same, same};
+use crate::fit::candidate::{all_same, in_words, same};
 use crate::fit::problem::Placed;
 use crate::in_loop::judge::{Evidence, evidence, is_parameter};
 use crate::in_loop::problem::{Fit, Problem};
@@ -24,8 +24,6 @@ pub(super) struct Found<'a> {
     pub fits: Vec<Fit<'a>>,
     /// The screens, in order.
     pub screens: Vec<Vec<Entry<'a>>>,
-    /// Whether the limit on the number of runs ended the search early.
-    pub cut_short: bool,
 }
 
 /// The search and its bounds.
@@ -43,11 +41,7 @@ pub(super) struct Search<'s, 'a> {
 }
 
 impl<'a> Search<'_, 'a> {
-    pub(super) fn may_call(&self, runs: &Runs) -> bool {
-        runs.calls().runs < self.settings.calls
-    }
-
-    /// Searches for explanations of a problem.
+    /// Searches for explanations of a problem. What the bounds on the runs do not allow is noted there.
     pub fn run(
         &self,
         problem: &mut Problem<'a>,
@@ -62,14 +56,15 @@ impl<'a> Search<'_, 'a> {
             say("fitting the parameters within their limits".into());
             refit = problem.fit(runs, as_given, self.settings.steps, self.gain(problem));
         }
-        let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new(), cut_short: false };
+        let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new() };
         // An effect that does not suffice alone is kept, because two effects may hide each other.
         let mut insufficient: Option<Fit> = None;
         for stage in 0..self.settings.effects {
             let standing = found.fits[0].clone();
             let beside = insufficient.take().unwrap_or_else(|| standing.clone());
             let least = self.least(problem, &found);
-            if self.left(problem, &standing) < least || !self.may_call(runs) {
+            let what = || if stage == 0 { "the search for effects" } else { "the search for a further effect" };
+            if self.left(problem, &standing) < least || !runs.may(1, problem.samples(), || what().into()) {
                 break;
             }
             say(format!("stage {}: screening effects", stage + 1));
@@ -92,7 +87,6 @@ impl<'a> Search<'_, 'a> {
             }
             say(format!("{}, {} runs so far", self.words(problem, &found.fits[0]), runs.calls().runs));
         }
-        found.cut_short |= !self.may_call(runs);
         found
     }
 
@@ -113,14 +107,13 @@ impl<'a> Search<'_, 'a> {
         let (record, heads) = self.heads(problem, beside);
         let quick = problem.head(record, heads[0]);
         let start = quick.on_head(beside, record);
-        // Half of the calls are kept for the fits.
-        let bound = runs.calls().runs + (self.settings.calls.saturating_sub(runs.calls().runs)) / 2;
-        let entries = screen(&quick, runs, &self.effects, &start, &self.scope, bound, say);
-        found.cut_short |= runs.calls().runs >= bound;
+        // Half of the runs are kept for the fits.
+        let half = runs.bounds().half(runs.spent());
+        let entries = screen(&quick, runs, &self.effects, &start, &self.scope, half, say);
         let mut tried = self.tried(&quick, runs, &start, &entries, say);
         if !start.effects.is_empty() {
             let least = self.settings.doubtful * self.left(problem, &found.refit).min(1.0);
-            tried = self.exchange(&quick, runs, tried, (least, bound), say);
+            tried = self.exchange(&quick, runs, tried, (least, half), say);
         }
         let mut leading = self.leading(&quick, tried);
         for samples in &heads[1..] {
@@ -128,12 +121,7 @@ impl<'a> Search<'_, 'a> {
         }
         let mut fits: Vec<Fit> = Vec::new();
         for effects in leading {
-            if !self.may_call(runs) {
-                found.cut_short = true;
-                break;
-            }
-            let Ok(simulated) = problem.simulate(runs, &effects, &beside.eta) else { continue };
-            let start = problem.as_is(effects, beside.eta.clone(), simulated);
+            let Some(start) = self.begun(problem, runs, effects, &beside.eta) else { continue };
             let fit = problem.fit(runs, start, self.settings.steps, self.gain(problem));
             say(format!("fitted {}, {} runs so far", self.words(problem, &fit), runs.calls().runs));
             if self.is_sound(problem, &fit) {
@@ -198,17 +186,26 @@ impl<'a> Search<'_, 'a> {
     ) -> Vec<Vec<Placed<'a>>> {
         let mut fits = Vec::new();
         for effects in leading {
-            if !self.may_call(runs) {
-                break;
-            }
-            let Ok(simulated) = head.simulate(runs, effects, eta) else { continue };
-            let start = head.as_is(effects.clone(), eta.to_vec(), simulated);
+            let Some(start) = self.begun(head, runs, effects.clone(), eta) else { continue };
             let fit = head.fit(runs, start, self.settings.quick_steps, self.gain(head));
             let samples = head.records[0].samples();
             say(format!("{samples} samples: {}, {} runs so far", self.words(head, &fit), runs.calls().runs));
             fits.push(fit);
         }
         self.leading(head, fits)
+    }
+
+    /// Returns the start of a fit, unless the bounds do not allow its runs or the simulator fails.
+    fn begun(&self, problem: &Problem<'a>, runs: &mut Runs, effects: Vec<Placed<'a>>, eta: &[f64]) -> Option<Fit<'a>> {
+        let at = [(effects, eta.to_vec())];
+        let names = &problem.setting.names;
+        let what = || format!("the fit of {} to {} samples", in_words(&at[0].0, names), problem.samples());
+        if !problem.may_simulate(runs, &at, what) {
+            return None;
+        }
+        let [(effects, eta)] = at;
+        let simulated = problem.simulate(runs, &effects, &eta).ok()?;
+        Some(problem.as_is(effects, eta, simulated))
     }
 
     /// Returns the effects of the fits with the smallest residuals, without those that are far behind the best.
@@ -237,11 +234,7 @@ impl<'a> Search<'_, 'a> {
         let chosen = order.iter().take(self.settings.tried).map(|(_, at)| &entries[*at]);
         let mut sized: Vec<Fit> = Vec::new();
         for entry in chosen {
-            let before = runs.calls().runs;
             sized.extend(self.sized(quick, runs, &start.effects, &start.eta, entry));
-            if runs.calls().runs > before && !self.may_call(runs) {
-                break;
-            }
         }
         sized.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
         let mut fits: Vec<Fit> = Vec::new();
@@ -249,7 +242,7 @@ impl<'a> Search<'_, 'a> {
         for from in sized {
             let mut fit = from;
             let before = runs.calls().runs;
-            if stepped < self.settings.stepped && self.may_call(runs) {
+            if stepped < self.settings.stepped {
                 fit = quick.fit(runs, fit, self.settings.quick_steps, self.gain(quick));
                 stepped += usize::from(runs.calls().runs > before);
             }
@@ -275,6 +268,10 @@ impl<'a> Search<'_, 'a> {
     ) -> Option<Fit<'a>> {
         let with = |placed: Placed<'a>| (beside.iter().cloned().chain([placed]).collect(), eta.to_vec());
         let sizes: Vec<(Vec<Placed>, Vec<f64>)> = entry.sizes(quick).into_iter().map(with).collect();
+        let names = &quick.setting.names;
+        if !quick.may_simulate(runs, &sizes, || format!("a trial of {}", in_words(&sizes[0].0, names))) {
+            return None;
+        }
         let simulated = quick.simulate_all(runs, &sizes);
         let fits = sizes
             .into_iter()
@@ -295,7 +292,7 @@ impl<'a> Search<'_, 'a> {
         found.fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
         let rivals = self.settings.refined.min(found.fits.len());
         for k in 0..rivals {
-            if found.fits[k].effects.is_empty() || !self.may_call(runs) {
+            if found.fits[k].effects.is_empty() {
                 continue;
             }
             found.fits[k] = problem.fit(runs, found.fits[k].clone(), self.settings.steps, self.gain(problem));
@@ -359,7 +356,7 @@ impl<'a> Search<'_, 'a> {
     }
 
     pub(super) fn words(&self, problem: &Problem, fit: &Fit) -> String {
-        let effects = crate::fit::candidate::in_words(&fit.effects, &problem.setting.names);
+        let effects = in_words(&fit.effects, &problem.setting.names);
         format!("{effects}: leaves {} of the output", plid_report::percent(self.left(problem, fit)))
     }
 }

@@ -1,6 +1,9 @@
 //! Diagnoses of a nonlinear arm. Their truths have the effect inside the equations of motion.
 
+use plid_simulator::{Motion, SimulatorError};
+
 use super::*;
+use crate::answer::schema::Bound;
 use crate::case::SimulatorConfig;
 use crate::judge::gap::Blocks;
 use crate::judge::verdict::Verdict;
@@ -167,14 +170,126 @@ fn runs_side_by_side_give_the_same_answer() {
     assert_eq!(answers[0], answers[1]);
 }
 
-/// A bound on the runs is kept, and said.
+/// A bound on the runs is kept, and what was left out because of it is said.
 #[test]
 fn a_bound_on_the_runs_is_kept() {
     let mut case = case(&NOMINAL, |x, _, _| [-0.1 * (x[2] / 0.1).tanh(), 0.0, 0.0], same, as_it_is);
-    case.config.settings.in_loop.calls = 60;
+    for calls in [60, 120] {
+        case.config.settings.in_loop.calls = calls;
+        let outcome = diagnosed(&case);
+        let used = &outcome.diagnosis.simulator;
+        assert!(used.runs > calls / 2 && used.runs <= calls, "{} runs of {calls}", used.runs);
+        assert!(used.cut_short && used.ended_by == Some(Bound::Calls) && !used.left_out.is_empty(), "{used:?}");
+        let warning = outcome.diagnosis.warnings.last().unwrap();
+        let said = format!("The bound on the runs (`calls` = {calls}) ended the search early. Left out: ");
+        assert!(warning.starts_with(&said) && warning.contains(&used.left_out[0]), "{warning}");
+        assert!(outcome.diagnosis.text().contains(&format!("(`calls` = {calls})")), "{}", outcome.diagnosis.text());
+        let folder = tempfile::tempdir().unwrap();
+        report::write(&outcome, &case, folder.path()).unwrap();
+        let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+        assert!(page.contains(used.left_out.last().unwrap()), "{:?}", used.left_out);
+    }
+}
+
+/// An arm whose runs take a while.
+struct Slow(Arm);
+
+impl Simulator for Slow {
+    fn description(&self) -> &Description {
+        self.0.description()
+    }
+
+    fn start(&mut self, parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
+        std::thread::sleep(std::time::Duration::from_millis(15));
+        self.0.start(parameters)
+    }
+
+    fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], at: &mut [Motion]) -> Result<(), SimulatorError> {
+        self.0.step(u, forces, y, at)
+    }
+}
+
+/// So is a bound on their time.
+#[test]
+fn a_bound_on_the_time_is_kept() {
+    let mut case = case(&NOMINAL, |x, _, _| [-0.1 * (x[2] / 0.1).tanh(), 0.0, 0.0], same, as_it_is);
+    case.config.settings.in_loop.seconds = 2.0;
+    let outcome = diagnose_in_loop(&case, &mut Slow(Arm::new()), &Library::standard(), &mut |_| {}).unwrap();
+    let used = &outcome.diagnosis.simulator;
+    assert!(used.cut_short && used.ended_by == Some(Bound::Seconds), "{used:?}");
+    // The time of a run is only estimated.
+    assert!(used.seconds > 1.0 && used.seconds < 2.5, "{} s", used.seconds);
+    let warning = outcome.diagnosis.warnings.last().unwrap();
+    assert!(warning.starts_with("The bound on the time in the simulator (`seconds` = 2) ended"), "{warning}");
+}
+
+/// A search that no bound ends leaves nothing out.
+#[test]
+fn a_search_within_its_bounds_leaves_nothing_out() {
+    let outcome = inside(|x, _, _| [0.0, -6.0 * x[1].powi(3), 0.0]);
+    let used = &outcome.diagnosis.simulator;
+    assert!(!used.cut_short && used.ended_by.is_none() && used.left_out.is_empty(), "{used:?}");
+    assert!(!outcome.diagnosis.warnings.iter().any(|warning| warning.contains("ended the search early")));
+    let json = serde_json::to_value(used).unwrap();
+    assert!(json.get("ended_by").is_none() && json.get("left_out").is_none(), "{json}");
+}
+
+/// Beyond the inputs and the motion of the fitted records, the expected gap grows, and what exceeds them is named.
+#[test]
+fn the_expected_gap_grows_beyond_what_was_fitted() {
+    let case = case(&NOMINAL, |x, _, _| [0.0, -6.0 * x[1].powi(3), 0.0], same, as_it_is);
     let outcome = diagnosed(&case);
-    // A fit that has begun is finished.
-    assert!(outcome.diagnosis.simulator.cut_short && outcome.diagnosis.simulator.runs < 130);
+    let loud = &case.records[1].u[0];
+    let predictor = LoopPredictor::new(outcome.simulation.clone()).unwrap();
+    let predicted = |predictor: &LoopPredictor, level: f64| {
+        let u = vec![loud.iter().map(|u| level * u).collect::<Vec<f64>>()];
+        let mut arm = Arm::new();
+        let prediction = predictor.predict(&mut arm, &Library::standard(), &u, 0.0).unwrap();
+        let gap = predictor.expected_gap(&prediction).unwrap();
+        (gap, prediction.beyond, arm.runs)
+    };
+    let (within, beyond, runs) = predicted(&predictor, 0.9);
+    let beyond = beyond.unwrap();
+    assert!(!beyond.is_clear() && beyond.warning().is_none() && runs == 1, "{beyond:?}, {runs} runs");
+    let stated = outcome.diagnosis.gap.predicted_held_out_gap;
+    assert!((within / stated - 1.0).abs() < 0.3, "{within}, stated {stated}");
+    let mut before = within;
+    for level in [1.3, 1.7, 2.2] {
+        let (gap, beyond, _) = predicted(&predictor, level);
+        let beyond = beyond.unwrap();
+        assert!(gap > 1.2 * before && beyond.times > 0.9 * level, "{gap} after {before}: {beyond:?}");
+        let warning = beyond.warning().unwrap();
+        assert!(warning.contains("input `torque`") || warning.contains("motion at `"), "{warning}");
+        before = gap;
+    }
+    // A motion beyond that of the records counts where the input does not exceed theirs.
+    let mut still = outcome.simulation.clone();
+    let peaks = &mut still.fitted.as_mut().unwrap().displacement_peak;
+    assert!(peaks.len() == 2 && peaks.iter().all(|peak| *peak > 0.0), "{peaks:?}");
+    peaks.iter_mut().for_each(|peak| *peak *= 0.25);
+    let beyond = predicted(&LoopPredictor::new(still).unwrap(), 0.9).1.unwrap();
+    assert!(beyond.what.starts_with("motion at `") && beyond.times > 2.0, "{beyond:?}");
+    // A file of a former version has no range.
+    let old = LoopPredictor::new(SimulatorWithEffects { fitted: None, ..outcome.simulation }).unwrap();
+    assert_eq!([1.0, 8.0].map(|level| predicted(&old, level).0), [stated; 2]);
+}
+
+/// A range that was edited by hand is refused with its key.
+#[test]
+fn a_range_that_is_impossible_is_refused() {
+    let case = case(&NOMINAL, nothing, same, as_it_is);
+    let good = diagnosed(&case).simulation;
+    let refused = |change: fn(&mut SimulatorWithEffects)| {
+        let mut bad = good.clone();
+        change(&mut bad);
+        LoopPredictor::new(bad).err().unwrap()
+    };
+    let short = refused(|bad| bad.fitted.as_mut().unwrap().displacement_peak.truncate(1));
+    assert!(short.contains("`fitted.displacement_peak` must contain 2"), "{short}");
+    let negative = refused(|bad| bad.fitted.as_mut().unwrap().unexplained = -1.0);
+    assert!(negative.contains("`fitted.unexplained`"), "{negative}");
+    let noise = refused(|bad| bad.noise_rms.clear());
+    assert!(noise.contains("`noise_rms`"), "{noise}");
 }
 
 /// What is written predicts a new input, with the effects and the parameters.
@@ -189,7 +304,7 @@ fn the_answer_predicts_what_it_has_not_seen() {
         let predictor = LoopPredictor::read(&folder.path().join("sim-with-effect.json")).unwrap();
         let fresh = &case.records[2];
         let y = predictor.predict(&mut Arm::new(), &Library::standard(), &fresh.u, fresh.start_s).unwrap();
-        let gap = Blocks::new(&fresh.y, &y, 0).gap();
+        let gap = Blocks::new(&fresh.y, &y.outputs, 0).gap();
         assert!(gap < 1.5 * outcome.diagnosis.gap.noise_floor, "{gap}");
         assert!(std::fs::read_to_string(folder.path().join("report.html")).unwrap().contains("<svg"));
         // Another simulator is refused.

@@ -6,10 +6,15 @@ group! {
     /// The diagnosis with the engineer's own simulator in the loop.
     LoopSettings {
         /// Largest number of runs of the simulator, on one record each. The answer states whether the limit ended the
-        /// search early. The drawn MuJoCo cases took 246 runs in the median with one cause, and up to 668 with two.
+        /// search early, and what was left out. The drawn MuJoCo cases took 246 runs in the median with one cause, and
+        /// up to 668 with two.
         calls: usize = 1000, "1", 10.0..=1e9;
-        /// Number of runs in parallel, if the simulator allows it. A program is started that many times. The answer
-        /// does not depend on it. The default is one because a program may hold a licence or a file.
+        /// Longest time in the simulator, over all runs; parallel runs count once. It ends a search as
+        /// `calls` does, but the answer then depends on the speed of the machine. The default, some thirty years, is
+        /// no limit.
+        seconds: f64 = 1e9, "s", 1.0..=1e9;
+        /// Number of runs in parallel, if the simulator allows it. A program is started that many times. The
+        /// answer does not depend on it. The default is one because a program may hold a licence or a file.
         side_by_side: usize = 1, "1", 1.0..=1e3;
         /// Largest number of states of a linear model that may take the simulator's place: a simulator that is linear
         /// and has no parameters is diagnosed as a model.json is. Zero keeps every simulator in the loop. The time of
