@@ -121,7 +121,7 @@ impl Integrator {
             } else {
                 sub_step(&self.structure, model, &mut self.work, x, &self.inputs, t_s, piece.length_s);
                 self.structure.iter().for_each(|effect| effect.settle(piece.length_s, x));
-                self.structure.iter_mut().for_each(|effect| effect.end_step(x));
+                self.structure.iter_mut().for_each(|effect| effect.end_step(piece.length_s, x));
             }
         }
     }

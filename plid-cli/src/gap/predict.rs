@@ -63,7 +63,9 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
             if rows != inputs {
                 return Err(Failure::input(format!("{}: {rows} rows, but the input has {inputs}", file.display())));
             }
-            own.iter().zip(&prediction.change).map(|(y, c)| y.iter().zip(c).map(|(y, c)| y + c).collect()).collect()
+            // A file of a former version does not contain the simulation as given.
+            let change = prediction.change.as_ref().unwrap_or(&prediction.correction);
+            own.iter().zip(change).map(|(y, c)| y.iter().zip(c).map(|(y, c)| y + c).collect()).collect()
         }
     };
     let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);

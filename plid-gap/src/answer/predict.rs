@@ -44,15 +44,11 @@ pub struct Prediction {
     pub outputs: Channels,
     /// Change of the outputs by the effects.
     pub correction: Channels,
-    /// Change of the outputs of the simulation as given, by the effects and the refit; by the effects alone if the file
-    /// does not contain that simulation.
-    pub change: Channels,
+    /// Change of the outputs of the simulation as given, by the effects and the refit; `None` with a simulator in the
+    /// loop, or if the file does not contain the simulation as given.
+    pub change: Option<Channels>,
     /// How far the input exceeds the fitted range; `None` if the file does not state the range.
     pub beyond: Option<Beyond>,
-}
-
-fn difference(a: &[Vec<f64>], b: &[Vec<f64>]) -> Channels {
-    a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect()
 }
 
 impl Predictor {
@@ -149,7 +145,7 @@ impl Predictor {
             fitted.beyond(&self.model.inputs, u, ports, &displacement_peaks(&self.plant, u))
         });
         let given = self.as_given.as_ref().map(|given| simulate(given, &[], u, t0, None, Fineness::FINE));
-        let change = given.map_or_else(|| correction.clone(), |given| difference(&outputs, &given));
+        let change = given.map(|given| difference(&outputs, &given));
         Ok(Prediction { outputs, correction, change, beyond })
     }
 
@@ -267,6 +263,7 @@ pub(crate) fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> O
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::case::record::rms;
     use crate::effects::CubicStiffness;
     use crate::testing::{random_input, record, run, truss, truss_with};
 
@@ -365,14 +362,13 @@ mod tests {
         let u = random_input(7, 600, 2);
         let prediction = read(&given).unwrap().predict(&u, 0.0).unwrap();
         let sizes = prediction.outputs.iter().map(rms);
-        for (((own, change), y), size) in
-            run(&given, &u).iter().zip(&prediction.change).zip(&prediction.outputs).zip(sizes)
-        {
+        let change = prediction.change.as_ref().unwrap();
+        for (((own, change), y), size) in run(&given, &u).iter().zip(change).zip(&prediction.outputs).zip(sizes) {
             let off = own.iter().zip(change).zip(y).map(|((own, change), y)| (own + change - y).abs());
             assert!(off.fold(0.0, f64::max) < 1e-9 * size);
         }
         let further = |correction: &Channels| rms(&correction[0]);
-        assert!(further(&prediction.change) > 10.0 * further(&prediction.correction));
+        assert!(further(change) > 10.0 * further(&prediction.correction));
         let other = Model { outputs: vec!["y2".into(), "y1".into()], ..given.clone() };
         let said = read(&other).map(|_| ()).unwrap_err().to_string();
         assert!(said.contains("as_given: its channels"), "{said}");

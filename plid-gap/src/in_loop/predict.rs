@@ -107,7 +107,7 @@ impl LoopPredictor {
         let beyond = self.written.fitted.as_ref().map(|fitted| fitted.beyond(inputs, u, ports, &peaks));
         let exceeds = beyond.as_ref().is_some_and(|beyond| beyond.times > 1.0);
         let bare = if exceeds { runs.simulate(&self.setting, &[], &record)? } else { outputs.clone() };
-        Ok(Prediction { correction: difference(&outputs, &bare), outputs, beyond })
+        Ok(Prediction { correction: difference(&outputs, &bare), change: None, outputs, beyond })
     }
 
     /// Returns the relative gap that a prediction is expected to have, as

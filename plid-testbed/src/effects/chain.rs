@@ -16,8 +16,9 @@ pub(crate) trait StructureEffect {
     /// over the last `_h_s` seconds, which `_x` has already gone through without it.
     fn settle(&self, _h_s: f64, _x: &mut [f64]) {}
 
-    /// Takes note of the state at the end of a step, if the force depends on where the motion has been.
-    fn end_step(&mut self, _x: &[f64]) {}
+    /// Takes note of the state at the end of a step of `_h_s` seconds, if the force depends on where the motion has been
+    /// or on chance.
+    fn end_step(&mut self, _h_s: f64, _x: &[f64]) {}
 }
 
 /// A change of the voltages between amplifier and actuator pole.

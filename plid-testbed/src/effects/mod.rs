@@ -116,6 +116,14 @@ effects! {
     "x-sensor-square" = outside::SensorSquare;
     "x-sticking-valve" = outside::StickingValve;
     "x-varying-damping" = outside::VaryingDamping;
+    "x-clock-skew" = outside::ClockSkew;
+    "x-force-factor" = outside::ForceFactor;
+    "x-foreshortening" = outside::Foreshortening;
+    "x-intermittent-contact" = outside::IntermittentContact;
+    "x-proportional-noise" = outside::ProportionalNoise;
+    "x-resonant-crosstalk" = outside::ResonantCrosstalk;
+    "x-supply-sag" = outside::SupplySag;
+    "x-thermal-gain" = outside::ThermalGain;
     "own" = own::Own;
 }
 

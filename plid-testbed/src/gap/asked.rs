@@ -26,7 +26,7 @@ const POSITION: [&str; 3] = ["added-stiffness", "end-stop", "one-sided-stop"];
 const JOINT: [&str; 4] = ["backlash", "clearance", "cubic-stiffness", "joint-hysteresis"];
 /// Effects between a command and a torque. With one input and one output, a gain, a lag or a delay of the sensor is
 /// equivalent, and is not asked about.
-const COMMAND: [&str; 9] = [
+const COMMAND: [&str; 10] = [
     "actuator-dead-zone",
     "actuator-delay",
     "actuator-gain",
@@ -36,11 +36,19 @@ const COMMAND: [&str; 9] = [
     "actuator-slew-limit",
     "x-delay-jitter",
     "x-sticking-valve",
+    "x-thermal-gain",
 ];
 /// Effects of a sensor that no controller reads. At rates so far above the motion, a few samples that are
 /// lost hardly make a gap.
-const SENSOR: [&str; 6] =
-    ["sensor-drift", "sensor-noise", "sensor-offset", "sensor-quantisation", "x-sensor-rate-limit", "x-sensor-square"];
+const SENSOR: [&str; 7] = [
+    "sensor-drift",
+    "sensor-noise",
+    "sensor-offset",
+    "sensor-quantisation",
+    "x-proportional-noise",
+    "x-sensor-rate-limit",
+    "x-sensor-square",
+];
 /// Effects that can be distinguished only with several channels.
 const CHANNELS: [&str; 5] = ["actuator-crosstalk", "sensor-crosstalk", "sensor-delay", "sensor-gain", "sensor-lag"];
 /// Effects on the reference of a controller.

@@ -108,12 +108,11 @@ fn place_of(kind: &str) -> Option<Place> {
     }
     Some(match kind {
         "modal-frequency" | "modal-damping" => Place::Mode,
-        "missing-mode" | "stiffness-drift" | "x-parametric-stiffness" | "x-varying-damping" => Place::None,
+        "missing-mode" | "stiffness-drift" => Place::None,
         "actuator-delay" => Place::InputOrAll,
         "actuator-crosstalk" => Place::InputPair,
         "sensor-crosstalk" => Place::OutputPair,
-        "mains-hum" | "x-sensor-rate-limit" | "x-sensor-square" | "x-channel-product" => Place::Output,
-        "x-command-play" | "x-delay-jitter" | "x-sticking-valve" => Place::Input,
+        "mains-hum" => Place::Output,
         force if is_at_a_port(force) => Place::Input,
         "narrowband-disturbance" | "coloured-disturbance" => Place::Input,
         "actuator-saturation"
@@ -132,6 +131,19 @@ fn place_of(kind: &str) -> Option<Place> {
         | "sensor-noise"
         | "sensor-quantisation"
         | "sensor-dropout" => Place::Output,
+        outsider => return place_of_outsider(outsider),
+    })
+}
+
+fn place_of_outsider(kind: &str) -> Option<Place> {
+    Some(match kind {
+        "x-parametric-stiffness" | "x-varying-damping" | "x-supply-sag" => Place::None,
+        "x-command-play" | "x-delay-jitter" | "x-sticking-valve" | "x-thermal-gain" => Place::Input,
+        "x-force-factor" | "x-intermittent-contact" => Place::Input,
+        "x-foreshortening" => Place::InputPair,
+        "x-sensor-rate-limit" | "x-sensor-square" | "x-channel-product" => Place::Output,
+        "x-clock-skew" | "x-proportional-noise" => Place::Output,
+        "x-resonant-crosstalk" => Place::OutputPair,
         _ => return None,
     })
 }
@@ -141,6 +153,7 @@ fn lacking(kind: &str, place: &Place, channels: Channels) -> Option<&'static str
     match place {
         Place::InputPair if channels.inputs < 2 => Some("it needs two inputs, and the case has one"),
         Place::OutputPair if channels.outputs < 2 => Some("it needs two outputs, and the case has one"),
+        _ if kind == "x-supply-sag" && channels.inputs < 2 => Some("it needs two inputs, and the case has one"),
         _ if kind == "x-channel-product" && channels.outputs < OUTPUTS => Some("it needs three outputs"),
         _ => None,
     }
@@ -309,7 +322,7 @@ fn of_outsider(
     signals: &Signals,
     rng: &mut ChaCha12Rng,
 ) -> Value {
-    let y = signals.output[channel];
+    let (d, y) = (signals.displacement[channel], signals.output[channel]);
     match kind {
         "x-command-play" => json!({ "play_v": 0.1 }),
         "x-delay-jitter" => json!({ "most_samples": 0.3 }),
@@ -323,6 +336,18 @@ fn of_outsider(
             json!({ "share": 1e-3, "frequency_hz": 2.0 * mode.frequency_hz })
         }
         "x-varying-damping" => json!({ "share": 0.3, "frequency_hz": rng.random_range(0.1..1.0) }),
+        "x-clock-skew" => json!({ "fast_share": 1e-4 }),
+        "x-force-factor" => json!({ "half_v": 3.0 * d }),
+        "x-foreshortening" => json!({ "length_v": 3.0 * d, "stiffness": rng.random_range(0.2..0.6) }),
+        "x-intermittent-contact" => json!({ "stiffness": 0.01, "mean_s": rng.random_range(0.02..0.2) }),
+        "x-proportional-noise" => json!({ "share": 0.1 }),
+        "x-resonant-crosstalk" => json!({
+            "share": sign * 0.05,
+            "frequency_hz": rng.random_range(80.0..240.0),
+            "damping_ratio": rng.random_range(0.02..0.1),
+        }),
+        "x-supply-sag" => json!({ "sag_per_v": 0.03 }),
+        "x-thermal-gain" => json!({ "loss_per_v2": 0.1, "time_s": rng.random_range(0.03..0.3) }),
         other => unreachable!("{other} has a place and no parameters"),
     }
 }

@@ -39,7 +39,7 @@ const BESIDE_THE_STRUCTURE: [&str; 22] = [
     "narrowband-disturbance",
     "coloured-disturbance",
 ];
-const OUTSIDERS: [&str; 8] = [
+const OUTSIDERS: [&str; 16] = [
     "x-command-play",
     "x-delay-jitter",
     "x-sticking-valve",
@@ -48,6 +48,14 @@ const OUTSIDERS: [&str; 8] = [
     "x-channel-product",
     "x-parametric-stiffness",
     "x-varying-damping",
+    "x-clock-skew",
+    "x-force-factor",
+    "x-foreshortening",
+    "x-intermittent-contact",
+    "x-proportional-noise",
+    "x-resonant-crosstalk",
+    "x-supply-sag",
+    "x-thermal-gain",
 ];
 
 fn spec(effects: &[(&str, f64)]) -> GapSpec {

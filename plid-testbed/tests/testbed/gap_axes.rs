@@ -137,7 +137,9 @@ fn effects_meet_their_targets_on_every_plant_that_takes_them() {
         "sensor-lag",
         "sensor-offset",
         "sensor-quantisation",
+        "x-proportional-noise",
         "x-sticking-valve",
+        "x-thermal-gain",
         "x-sensor-square",
     ];
     for plant in axes() {

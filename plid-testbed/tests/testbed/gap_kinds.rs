@@ -124,6 +124,10 @@ fn effects_meet_their_targets_on_every_plant() {
             "stiffness-drift",
             "narrowband-disturbance",
             "x-parametric-stiffness",
+            "x-force-factor",
+            "x-foreshortening",
+            "x-intermittent-contact",
+            "x-resonant-crosstalk",
         ] {
             let case = draw(seed, &with(kind, 0.03, GapSpec { plant, ..short() })).unwrap();
             let effect = &case.label.effects[0];
@@ -212,6 +216,7 @@ fn what_needs_more_channels_says_so() {
     };
     assert!(says("actuator-crosstalk", None, 1, 3).contains("needs two inputs"));
     assert!(says("sensor-crosstalk", None, 3, 1).contains("needs two outputs"));
+    assert!(says("x-supply-sag", None, 1, 3).contains("needs two inputs"));
     assert!(says("x-channel-product", None, 3, 2).contains("needs three outputs"));
     let place = says("cubic-stiffness", Some("u3"), 2, 3);
     assert!(place.contains("a case of 2 inputs and 3 outputs has no `u3`"), "{place}");

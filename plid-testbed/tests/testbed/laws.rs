@@ -432,6 +432,109 @@ fn outsiders_of_the_commands() {
     assert!(from_steady < 0.6 * from_prompt && from_steady > 0.01 * from_prompt, "{from_steady}, {from_prompt}");
 }
 
+/// The heat is a sum over all past commands, and its mean over a sample that by Gauss's rule of three points.
+#[test]
+fn an_actuator_that_warms_up() {
+    let (u, ..) = run(&one("actuator-gain", "u2", "gain = 1.0"));
+    let squares: Vec<f64> = u.column(1).iter().map(|u| u * u).collect();
+    let (h, tau) = (1.0 / RATE, 0.05);
+    let left_after = |samples: f64| (-samples * h / tau).exp();
+    check_commands(&one("x-thermal-gain", "u2", "loss_per_v2 = 0.4\ntime_s = 0.05"), |k, u| {
+        let past = |j: usize| squares[j] * (left_after((k - j - 1) as f64) - left_after((k - j) as f64));
+        let start: f64 = (0..k).map(past).sum();
+        let at = |share: f64| start * left_after(share) + squares[k] * (1.0 - left_after(share));
+        let side = 0.15_f64.sqrt();
+        let mean = (5.0 * at(0.5 - side) + 8.0 * at(0.5) + 5.0 * at(0.5 + side)) / 18.0;
+        [u[0], u[1] / (1.0 + 0.4 * mean), u[2]]
+    });
+}
+
+#[test]
+fn a_supply_sags_under_the_sum_of_all_commands() {
+    check_commands("[[effect]]\nkind = \"x-supply-sag\"\nsag_per_v = 0.1\n", |_, u| {
+        let sum = u[0].abs() + u[1].abs() + u[2].abs();
+        u.map(|u| u / (1.0 + 0.1 * sum))
+    });
+}
+
+/// What the resonance adds is a sum of its responses to the steps of the held samples.
+#[test]
+fn a_sensor_s_mount_rings_with_another_axis() {
+    let (u, _, model) = run(&one("actuator-gain", "u2", "gain = 1.0"));
+    let driven = model.simulate(u.view()).column(2).to_vec();
+    let (w, z): (f64, f64) = (2.0 * PI * 210.0, 0.03);
+    let (decay, ringing) = (z * w, w * (1.0 - z * z).sqrt());
+    let step = |t: f64| 1.0 - (-decay * t).exp() * ((ringing * t).cos() + decay / ringing * (ringing * t).sin());
+    let law = one("x-resonant-crosstalk", "y3->y1", "share = -0.2\nfrequency_hz = 210.0\ndamping_ratio = 0.03");
+    check_samples(&law, |k, y| {
+        let from = |j: usize| driven[j] * (step((k - j) as f64 / RATE) - step((k - j - 1) as f64 / RATE));
+        [y[0] - 0.2 * (0..k).map(from).sum::<f64>(), y[1], y[2]]
+    });
+}
+
+#[test]
+fn noise_in_proportion_to_the_signal() {
+    let mut config = with(&one("x-proportional-noise", "y2", "share = 0.2"));
+    config.duration_s = 12.5;
+    let run = simulate(&config).unwrap();
+    let clean = run.truth.discrete.simulate(run.commands.view());
+    let shares = |i: usize| -> Vec<f64> {
+        let both = run.noise_free.column(i).to_vec().into_iter().zip(clean.column(i).to_vec());
+        both.filter(|(_, clean)| clean.abs() > 1e-6).map(|(noisy, clean)| noisy / clean - 1.0).collect()
+    };
+    assert!(largest((&run.noise_free - &clean).slice(ndarray::s![..;1, ..1])) < 1e-11);
+    let n = shares(1);
+    // Alike where the signal is small and where it is large.
+    let large = rms(clean.column(1).to_vec());
+    let of_large: Vec<f64> = clean
+        .column(1)
+        .iter()
+        .zip(run.noise_free.column(1))
+        .filter(|(c, _)| c.abs() > large)
+        .map(|(c, y)| y / c - 1.0)
+        .collect();
+    assert!((rms(n.clone()) / 0.2 - 1.0).abs() < 0.03 && (rms(of_large) / 0.2 - 1.0).abs() < 0.05);
+    let product = n.iter().zip(n.iter().skip(1)).map(|(a, b)| a * b).sum::<f64>() / n.len() as f64;
+    assert!((product / 0.04).abs() < 0.03, "{product}");
+}
+
+#[test]
+fn forces_that_join_struts_and_actuators() {
+    check_physics(&one("x-force-factor", "u2", "half_v = 6.0"), 2e-3, |_, physics| {
+        physics.forces = Some(Box::new(|a, d| [0.0, a[1] / (1.0 + (d[1] / 6.0).powi(2)) - a[1], 0.0]));
+    });
+    // The slopes of k (d_3 + d_1^2 / (2 L))^2 / 2 - k d_3^2 / 2, by differences.
+    check_physics(&one("x-foreshortening", "u1->u3", "length_v = 40.0\nstiffness = 0.4"), 2e-3, |_, physics| {
+        let energy = |a: f64, b: f64| 0.2 * (b + a * a / 80.0).powi(2) - 0.2 * b * b;
+        physics.forces = Some(Box::new(move |_, [a, _, b]| {
+            let slope = |plus: f64, minus: f64| (minus - plus) / 2e-4;
+            let along_a = slope(energy(a + 1e-4, b), energy(a - 1e-4, b));
+            [along_a, 0.0, slope(energy(a, b + 1e-4), energy(a, b - 1e-4))]
+        }));
+    });
+}
+
+/// Contact that hardly ever changes is a linear spring, or none, over a short record.
+#[test]
+fn a_contact_that_lasts_is_a_spring() {
+    let law = one("x-intermittent-contact", "u2", "stiffness = 0.05\nmean_s = 1e6");
+    let touching = |seed: u64| TrussConfig { seed, duration_s: 0.15, ..with(&law) };
+    let outputs = |seed: u64| {
+        let run = simulate(&touching(seed)).unwrap();
+        let unchanged = run.truth.discrete.simulate(run.commands.view());
+        let modes = run.truth.modes;
+        let mut physics = Physics::of(&modes);
+        physics.force = Some((1, Box::new(|d, _| -0.05 * d)));
+        let spring = physics.run(run.commands.view(), RATE, 64);
+        let [from_none, from_spring] =
+            [unchanged, spring].map(|expected| largest((&run.noise_free - &expected).view()));
+        (from_none < 1e-8, from_spring < 1e-5)
+    };
+    let found: Vec<(bool, bool)> = (1..13).map(outputs).collect();
+    assert!(found.iter().all(|(none, spring)| none != spring), "{found:?}");
+    assert!(found.contains(&(true, false)) && found.contains(&(false, true)), "{found:?}");
+}
+
 #[test]
 fn values_and_places_are_checked_by_name() {
     let wrong = |list: &str| simulate(&with(list)).expect_err(list).to_string();
@@ -443,6 +546,12 @@ fn values_and_places_are_checked_by_name() {
         (one("modal-damping", "m99", "factor = 1.0"), "number of the mode"),
         (one("modal-damping", "m4", "factor = 1e300"), "`factor` must be at most"),
         (one("sensor-dropout", "y1", "onsets_per_sample = 2.0"), "onsets_per_sample"),
+        (one("x-clock-skew", "y1", "fast_share = 0.2"), "0.1 - fast_share"),
+        (one("x-foreshortening", "u1->u2", "length_v = 1.0\nstiffness = 2.0"), "1 - stiffness"),
+        (
+            one("x-resonant-crosstalk", "y1->y2", "share = 1.0\nfrequency_hz = 900.0\ndamping_ratio = 0.1"),
+            "frequency_hz",
+        ),
         (one("coloured-disturbance", "u1", "rms_v = 1.0\nfrequency_hz = 900.0"), "`frequency_hz`"),
         ("[[effect]]\nkind = 'stiffness-drift'\nrate_per_s = -5.0\n".to_owned(), "stiffness drift"),
     ] {

@@ -6,6 +6,7 @@ use plid_testbed::{ACTUATOR_POLE_HZ, ANTI_ALIAS_HZ, Mode};
 use std::f64::consts::{PI, SQRT_2};
 
 type OfTime = Box<dyn Fn(f64) -> f64>;
+type OfStruts = Box<dyn Fn([f64; 3], [f64; 3]) -> [f64; 3]>;
 type OfMotion = Box<dyn Fn(f64, f64) -> f64>;
 
 /// The structure with what effects change of it.
@@ -17,6 +18,8 @@ pub struct Physics<'a> {
     pub damping: OfTime,
     /// An inner force at a strut (from 0), of its displacement and velocity.
     pub force: Option<(usize, OfMotion)>,
+    /// Inner forces at all struts, of the actuators' outputs and of the displacements.
+    pub forces: Option<OfStruts>,
     /// A force along a strut over the samples' times.
     pub disturbance: Option<(usize, OfTime)>,
 }
@@ -49,17 +52,25 @@ impl<'a> Physics<'a> {
     pub fn of(modes: &'a [Mode]) -> Self {
         let poles_hz = [ACTUATOR_POLE_HZ; 3];
         let (stiffness, damping) = (Box::new(|_t| 1.0), Box::new(|_t| 1.0));
-        Self { modes, poles_hz, stiffness, damping, force: None, disturbance: None }
+        Self { modes, poles_hz, stiffness, damping, force: None, forces: None, disturbance: None }
+    }
+
+    /// A strut's displacement in V, or its velocity.
+    fn seen(&self, strut: usize, q: &[f64]) -> f64 {
+        let squares = |m: &Mode| (m.input_shape[strut] / (2.0 * PI * m.frequency_hz)).powi(2);
+        let unit: f64 = self.modes.iter().map(squares).sum();
+        self.modes.iter().zip(q).map(|(m, q)| m.input_shape[strut] * q).sum::<f64>() / unit
     }
 
     fn rate(&self, t: f64, s: &Motion, u: &[f64; 3], shake: [f64; 3]) -> Motion {
         let corner = 2.0 * PI * ANTI_ALIAS_HZ;
         let mut push: [f64; 3] = std::array::from_fn(|j| s.actuator[j] + shake[j]);
         if let Some((strut, force)) = &self.force {
-            let squares = |m: &Mode| (m.input_shape[*strut] / (2.0 * PI * m.frequency_hz)).powi(2);
-            let unit: f64 = self.modes.iter().map(squares).sum();
-            let seen = |q: &[f64]| self.modes.iter().zip(q).map(|(m, q)| m.input_shape[*strut] * q).sum::<f64>() / unit;
-            push[*strut] += force(seen(&s.q), seen(&s.dq));
+            push[*strut] += force(self.seen(*strut, &s.q), self.seen(*strut, &s.dq));
+        }
+        if let Some(forces) = &self.forces {
+            let inner = forces(s.actuator, std::array::from_fn(|j| self.seen(j, &s.q)));
+            (0..3).for_each(|j| push[j] += inner[j]);
         }
         let mut acceleration = [0.0; 3];
         let mut ddq = Vec::new();

@@ -36,7 +36,7 @@ pub enum SensorDelayLaw {
 }
 
 /// Samples each side that give a band-limited value.
-const HALF: usize = 48;
+pub(crate) const LOOK_AHEAD: usize = 48;
 /// Shape of Kaiser's window (1974): errors below 1e-4 at 0.9 of half the sample rate, below 2e-6 at 0.4 of it.
 const BETA: f64 = 10.0;
 
@@ -45,17 +45,26 @@ impl SensorEffect for SensorDelay {
         let whole = self.delay_samples.floor();
         let taps = taps(self.law, self.delay_samples - whole);
         let before = y.column(self.at.0).to_vec();
-        let newest = |k: usize| k as i64 - whole as i64;
         for (k, value) in y.column_mut(self.at.0).iter_mut().enumerate() {
-            *value = taps
-                .iter()
-                .filter_map(|(offset, tap)| {
-                    let index = usize::try_from(newest(k) + *offset).ok()?;
-                    before.get(index).map(|y| tap * y)
-                })
-                .sum();
+            *value = weighted(&before, k as i64 - whole as i64, &taps);
         }
     }
+}
+
+/// Returns the value of a band-limited signal `delay` samples before sample `k`. It takes [`LOOK_AHEAD`] samples each
+/// side; before and after the signal they are zero.
+pub(crate) fn band_limited(signal: &[f64], k: usize, delay: f64) -> f64 {
+    let whole = delay.floor();
+    weighted(signal, k as i64 - whole as i64, &taps(SensorDelayLaw::BandLimited, delay - whole))
+}
+
+/// The sum of the samples at `k` + offset, each times its weight.
+fn weighted(signal: &[f64], k: i64, taps: &[(i64, f64)]) -> f64 {
+    let term = |(offset, tap): &(i64, f64)| {
+        let index = usize::try_from(k + *offset).ok()?;
+        signal.get(index).map(|y| tap * y)
+    };
+    taps.iter().filter_map(term).sum()
 }
 
 /// Weights of the samples at k + offset that give the value at k - `share`.
@@ -63,11 +72,11 @@ fn taps(law: SensorDelayLaw, share: f64) -> Vec<(i64, f64)> {
     if law == SensorDelayLaw::Interpolated || share == 0.0 {
         return vec![(0, 1.0 - share), (-1, share)];
     }
-    let half = HALF as i64;
+    let (half, unit) = (LOOK_AHEAD as i64, bessel_i0(BETA));
     (-half..half)
         .map(|offset| {
             let x = offset as f64 + share;
-            let window = bessel_i0(BETA * (1.0 - (x / HALF as f64).powi(2)).max(0.0).sqrt()) / bessel_i0(BETA);
+            let window = bessel_i0(BETA * (1.0 - (x / LOOK_AHEAD as f64).powi(2)).max(0.0).sqrt()) / unit;
             (offset, (PI * x).sin() / (PI * x) * window)
         })
         .collect()
@@ -80,6 +89,10 @@ fn bessel_i0(x: f64) -> f64 {
     for k in 1..60 {
         term *= quarter / f64::from(k * k);
         sum += term;
+        // Later terms would change no digit.
+        if term < 1e-17 * sum {
+            break;
+        }
     }
     sum
 }
@@ -91,7 +104,7 @@ impl Law for SensorDelay {
     }
 
     fn install(&self, _site: Site, chain: &mut Chain) {
-        chain.look_ahead = chain.look_ahead.max(HALF);
+        chain.look_ahead = chain.look_ahead.max(LOOK_AHEAD);
         chain.sensor.push(Box::new(self.clone()));
     }
 

@@ -12,6 +12,8 @@ mod offset;
 mod quantisation;
 mod saturation;
 
+pub(crate) use delay::{LOOK_AHEAD, band_limited};
+
 pub use crosstalk::SensorCrosstalk;
 pub use delay::{SensorDelay, SensorDelayLaw};
 pub use drift::SensorDrift;

@@ -114,7 +114,7 @@ impl StructureEffect for Remembering {
         add_scaled(rate, &self.port.force, self.joint.stiffness * self.joint.held * d - self.force(d));
     }
 
-    fn end_step(&mut self, x: &[f64]) {
+    fn end_step(&mut self, _h_s: f64, x: &[f64]) {
         self.move_to(dot(&self.port.displacement, x));
     }
 }

@@ -1,0 +1,66 @@
+//! A part that becomes shorter as it bends, and so pulls at another: two struts joined by their geometry.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::{not_negative, positive};
+use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::InputPair;
+use crate::error::TestbedError;
+use crate::plant::StrutPort;
+
+/// Of the stiffness of strut b, a spring k is stretched by e = d_b + d_a^2 / (2 L) in place of d_b. Beside the linear
+/// -k d_b, which the plant already has, it pulls with f_b = -k (e - d_b) and f_a = -k e d_a / L: both follow from the
+/// energy k e^2 / 2.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Foreshortening {
+    /// From the input whose strut bends, a, to the one whose strut is pulled, b.
+    pub at: InputPair,
+    /// L, V; positive.
+    pub length_v: f64,
+    /// k, V/V; positive, at most 1, which is all of the stiffness.
+    pub stiffness: f64,
+}
+
+struct Bent {
+    bends: StrutPort,
+    pulled: StrutPort,
+    length: f64,
+    stiffness: f64,
+}
+
+impl StructureEffect for Bent {
+    fn add_rate(&self, _t_s: f64, x: &[f64], rate: &mut [f64]) {
+        let (a, b) = (dot(&self.bends.displacement, x), dot(&self.pulled.displacement, x));
+        let shorter = a * a / (2.0 * self.length);
+        add_scaled(rate, &self.pulled.force, -self.stiffness * shorter);
+        add_scaled(rate, &self.bends.force, -self.stiffness * (b + shorter) * a / self.length);
+    }
+}
+
+impl Law for Foreshortening {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("length_v", self.length_v)?;
+        positive("stiffness", self.stiffness)?;
+        not_negative("1 - stiffness", 1.0 - self.stiffness)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let InputPair(from, to) = self.at;
+        let (bends, pulled) = (site.truss.ports[from].clone(), site.truss.ports[to].clone());
+        chain.structure.push(Box::new(Bent { bends, pulled, length: self.length_v, stiffness: self.stiffness }));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.length_v /= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.length_v, self.at.1 as f64, self.stiffness]
+    }
+}

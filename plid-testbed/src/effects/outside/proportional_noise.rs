@@ -1,0 +1,50 @@
+//! A sensor whose noise grows with its signal: y' = y (1 + s n).
+
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+use crate::config::positive;
+use crate::effects::chain::{Chain, Site};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Output;
+use crate::error::TestbedError;
+
+/// y' = y (1 + s n), n white and Gaussian with unit variance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProportionalNoise {
+    /// The output.
+    pub at: Output,
+    /// s, standard deviation of the noise over the signal; positive.
+    pub share: f64,
+}
+
+impl Law for ProportionalNoise {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("share", self.share)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let (share, mut rng) = (self.share, site.rng);
+        chain.change_output(self.at.0, move |y, _t| {
+            let n: f64 = StandardNormal.sample(&mut rng);
+            y * (1.0 + share * n)
+        });
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.share *= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.share]
+    }
+
+    fn foretold(&self) -> bool {
+        false
+    }
+}

@@ -1,0 +1,48 @@
+//! A supply that sags when several actuators push at once: u'_j = u_j / (1 + s (|u_1| + |u_2| + ...)).
+
+use serde::{Deserialize, Serialize};
+
+use crate::INPUTS;
+use crate::config::positive;
+use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
+use crate::effects::law::{Law, Limits};
+use crate::error::TestbedError;
+
+/// u'_j = u_j / (1 + s sum |u_l|) for every input j, the sum over all inputs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SupplySag {
+    /// s, 1/V; positive.
+    pub sag_per_v: f64,
+}
+
+impl ActuatorEffect for SupplySag {
+    fn apply(&mut self, _span: &Span, u: &mut [[f64; INPUTS]]) {
+        for piece in u {
+            let left = 1.0 / (1.0 + self.sag_per_v * piece.iter().map(|u| u.abs()).sum::<f64>());
+            piece.iter_mut().for_each(|u| *u *= left);
+        }
+    }
+}
+
+impl Law for SupplySag {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("sag_per_v", self.sag_per_v)
+    }
+
+    fn install(&self, _site: Site, chain: &mut Chain) {
+        chain.actuator.push(Box::new(self.clone()));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.sag_per_v *= factor;
+    }
+
+    fn place(&self) -> usize {
+        INPUTS
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.sag_per_v]
+    }
+}
