@@ -5,7 +5,8 @@
 
 The summary counts the answers, the cases within the bounds on the gap, the runs and the time, and the parameters whose
 true value lies in the stated interval. The bound on the gap on a fresh record is 1.5 times the noise where the law of
-the truth is in the vocabulary, and 3 times where a law of the vocabulary is only close to it. Needs `pip install ./python[mujoco]`.
+the truth is in the vocabulary, and 3 times where a law of the vocabulary is only close to it. Needs
+`pip install ./python[mujoco]`.
 """
 
 import argparse
@@ -115,7 +116,8 @@ def gaps(labels, ratios):
         of = np.array([ratio for label, ratio in zip(labels, ratios, strict=True) if law(label) == name])
         if len(of):
             within = "" if bound is None else "; " + share(of <= bound, f"at most {bound:g} in")
-            yield f"gap on a fresh record over noise, {name}: median {np.median(of):.2f}, largest {of.max():.2f}{within}"
+            sizes = f"median {np.median(of):.2f}, largest {of.max():.2f}"
+            yield f"gap on a fresh record over noise, {name}: {sizes}{within}"
 
 
 def share(of, what):

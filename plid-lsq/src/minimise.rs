@@ -77,8 +77,8 @@ pub struct Minimum<P: Problem> {
     pub point: P::Point,
     /// Its cost.
     pub cost: f64,
-    /// The equations of the last linearisation, or those of [`Problem::equations`] if there was none. They belong to [`Minimum::point`] if the search stalled, and otherwise
-    /// to the point before it.
+    /// The equations of the last linearisation, or those of [`Problem::equations`] if there was none. They belong to
+    /// [`Minimum::point`] if the search stalled, and otherwise to the point before it.
     pub equations: P::Equations,
     /// Number of linearisations.
     pub steps: usize,

@@ -14,8 +14,8 @@ pub(super) struct Spent {
     pub timed: (usize, f64),
 }
 
-/// The bounds on the runs of a search. Some runs are kept back for what follows it: the intervals of the parameters, the
-/// gap on other records and the range of the motion.
+/// The bounds on the runs of a search. Some runs are kept back for what follows it: the intervals of the parameters,
+/// the gap on other records and the range of the motion.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds {
     calls: usize,
