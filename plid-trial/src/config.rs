@@ -8,7 +8,7 @@ use plid_testbed::{INPUTS, OUTPUTS};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use crate::vocabulary::{OF_AXES, OUTSIDERS, VOCABULARY, family, whole};
+use crate::vocabulary::{OF_AXES, Outsiders, VOCABULARY, family, whole};
 
 /// A trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -81,6 +81,8 @@ pub struct Draw {
     pub imperfections: Span,
     /// How far the simulation of a case with imperfections is off, in standard deviations of the stated limits.
     pub beyond_limits: Span,
+    /// The half of the effects outside the vocabulary from which outsiders are drawn, or all of them.
+    pub outsiders: Outsiders,
 }
 
 /// A number, or the ends between which one is drawn uniformly for each case.
@@ -136,6 +138,7 @@ impl Default for Draw {
             least: 0.0,
             imperfections: Span::Value(0.0),
             beyond_limits: Span::Range([1.0, 1.5]),
+            outsiders: Outsiders::default(),
         }
     }
 }
@@ -197,8 +200,8 @@ impl TrialConfig {
         for name in draw.effects.iter().filter(|name| family(name).is_some() && !self.is_taken(name)) {
             problems.push(("effects", format!("`{name}` makes sense on none of the `plants`")));
         }
-        if self.cases.outsiders > 0 && !OUTSIDERS.iter().any(|kind| self.is_taken(kind.name)) {
-            problems.push(("outsiders", "no outsider makes sense on any of the `plants`".to_owned()));
+        if self.cases.outsiders > 0 && !draw.outsiders.kinds().iter().any(|kind| self.is_taken(kind.name)) {
+            problems.push(("outsiders", "none of the outsiders to draw makes sense on any of the `plants`".to_owned()));
         }
         if draw.imperfections.ends()[1] > 0.0 && draw.plants.iter().any(|plant| plant.has_axes()) {
             let reason = "imperfections are drawn only for structures, and some of the `plants` have axes";
@@ -292,6 +295,11 @@ mod tests {
             ("[draw]\nchannels = [{ inputs = 4, outputs = 1 }]\n", "line 5: channels: inputs go from 1 to 3"),
             ("[draw]\nimperfections = [0.05, 0.02]\n", "line 5: imperfections: 0.05 to 0.02 does not rise"),
             ("[draw]\nleast = 0.4\n", "line 5: least: 0.4 is not"),
+            ("[draw]\noutsiders = \"both\"\n", "unknown variant `both`"),
+            (
+                "outsiders = 1\n[draw]\nplants = [\"arm-loop\"]\noutsiders = \"reported\"\n",
+                "outsiders: none of those to draw makes sense",
+            ),
             ("[draw]\nplants = []\n", "line 5: plants: there must be"),
             ("[draw]\nplants = [\"rotor\"]\n", "unknown variant `rotor`"),
             (
@@ -344,13 +352,15 @@ mod tests {
         let standard = TrialConfig::read(&folder.join("standard.toml")).unwrap();
         let singles = standard.cases.singles_per_effect * standard.effects().len();
         assert!(standard.total() >= 800 && standard.cases.none >= 200 && singles >= 300);
-        assert!(standard.cases.outsiders >= 2 * crate::vocabulary::OUTSIDERS.len());
+        assert!(standard.cases.outsiders >= 2 * standard.draw.outsiders.kinds().len());
         assert_eq!(TrialConfig::quick().unwrap().total(), 60);
         let plants = TrialConfig::read(&folder.join("plants.toml")).unwrap();
         assert!((25..=40).contains(&plants.total()) && plants.draw.plants.iter().all(|plant| plant.has_axes()));
         let imperfect = TrialConfig::read(&folder.join("imperfect.toml")).unwrap();
         assert!(imperfect.total() >= 400 && imperfect.draw.plants.len() == 5 && imperfect.draw.experiments.len() > 1);
+        assert_eq!(imperfect.draw.outsiders, Outsiders::Reported);
         let quick = TrialConfig::read(&folder.join("imperfect-quick.toml")).unwrap();
+        assert_eq!(quick.draw.outsiders, Outsiders::Development);
         assert_eq!((quick.total(), quick.draw.imperfections), (30, imperfect.draw.imperfections));
     }
 }

@@ -11,7 +11,7 @@ use plid_testbed::gap::{Channels, GapSpec, PlantKind, Simulator};
 
 use crate::config::{Draw, TrialConfig};
 use crate::seal::derived;
-use crate::vocabulary::{Kind, OUTSIDERS, find};
+use crate::vocabulary::{At, Kind, Outsiders, find};
 
 /// Channels of the testbed's plants.
 const INPUTS: usize = plid_testbed::INPUTS;
@@ -71,7 +71,9 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
             (arm, together(&drawn, size, &config.draw.plants))
         }));
     }
-    let outsiders: Vec<Kind> = OUTSIDERS.into_iter().filter(|kind| config.is_taken(kind.name)).collect();
+    // Their order is random even where none is drawn: a trial without outsiders is what it was when half of them existed.
+    let half = if cases.outsiders == 0 { Outsiders::Development } else { config.draw.outsiders };
+    let outsiders: Vec<Kind> = half.kinds().into_iter().filter(|kind| config.is_taken(kind.name)).collect();
     for (arm, count, from) in
         [(Arm::Outsider, cases.outsiders, &outsiders), (Arm::LeaveOneOut, cases.leave_one_out, &kinds)]
     {
@@ -108,7 +110,7 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
 
 /// Whether an effect needs more than one channel.
 fn joins_channels(kind: Kind) -> bool {
-    kind.name.ends_with("crosstalk") || kind.name == "x-channel-product"
+    matches!(kind.at, At::InputPair | At::OutputPair) || ["x-channel-product", "x-supply-sag"].contains(&kind.name)
 }
 
 /// Returns the first of the kinds that make sense together on one plant, up to this total. On plants of which each
@@ -235,8 +237,15 @@ mod tests {
     use crate::config::{Cases, Draw};
 
     fn config() -> TrialConfig {
-        let cases =
-            Cases { none: 12, singles_per_effect: 4, pairs: 5, triples: 3, outsiders: 9, leave_one_out: 6, singles: 0 };
+        let cases = Cases {
+            none: 12,
+            singles_per_effect: 4,
+            pairs: 5,
+            triples: 3,
+            outsiders: 19,
+            leave_one_out: 6,
+            singles: 0,
+        };
         TrialConfig { name: "t".to_owned(), cases, draw: Draw::default() }
     }
 
@@ -254,7 +263,7 @@ mod tests {
             }
         }
         let outsiders: BTreeSet<&str> = of(Arm::Outsider).iter().map(|c| c.effects[0].kind.name).collect();
-        assert_eq!(outsiders.len(), OUTSIDERS.len());
+        assert_eq!(outsiders.len(), Outsiders::All.kinds().len());
         assert!(of(Arm::LeaveOneOut).iter().all(|c| c.without == [c.effects[0].kind.name]));
         let decoys: Vec<_> = planned.iter().filter(|c| c.arm == Arm::Single && !c.without.is_empty()).collect();
         assert_eq!(decoys.len(), 6);
@@ -262,6 +271,22 @@ mod tests {
         // Shares of all cases, to the nearest one.
         let perturbed = planned.iter().filter(|c| c.spec.perturbed).count();
         assert_eq!(perturbed, (0.5 * planned.len() as f64).round() as usize);
+    }
+
+    /// A trial of one half draws nothing of the other, and nothing where none is asked for depends on the half.
+    #[test]
+    fn outsiders_are_drawn_from_the_half_that_is_named() {
+        let of = |outsiders: Outsiders, count: usize| {
+            let cases = Cases { outsiders: count, ..config().cases };
+            plan(&TrialConfig { cases, draw: Draw { outsiders, ..Draw::default() }, ..config() }, 7)
+        };
+        for half in [Outsiders::Development, Outsiders::Reported] {
+            let planned = of(half, 19);
+            let drawn = planned.iter().filter(|case| case.arm == Arm::Outsider).map(|case| case.effects[0].kind.name);
+            let expected: BTreeSet<&str> = half.kinds().iter().map(|kind| kind.name).collect();
+            assert_eq!(drawn.collect::<BTreeSet<_>>(), expected);
+            assert_eq!(of(half, 0), of(Outsiders::All, 0));
+        }
     }
 
     #[test]
@@ -272,7 +297,9 @@ mod tests {
         let kinds: BTreeSet<&str> =
             planned.iter().filter(joined).flat_map(|c| &c.effects).map(|e| e.kind.name).collect();
         assert!(
-            ["actuator-crosstalk", "sensor-crosstalk", "x-channel-product"].iter().all(|name| kinds.contains(name))
+            ["actuator-crosstalk", "sensor-crosstalk", "x-channel-product", "x-foreshortening", "x-supply-sag"]
+                .iter()
+                .all(|name| kinds.contains(name))
         );
         for case in &planned {
             let whole = case.spec.channels == Channels::default();
