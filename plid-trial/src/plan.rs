@@ -71,7 +71,8 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
             (arm, together(&drawn, size, &config.draw.plants))
         }));
     }
-    // Their order is random even where none is drawn: a trial without outsiders is what it was when half of them existed.
+    // Their order is random even where none is drawn: a trial without outsiders is what it was when half of them
+    // existed.
     let half = if cases.outsiders == 0 { Outsiders::Development } else { config.draw.outsiders };
     let outsiders: Vec<Kind> = half.kinds().into_iter().filter(|kind| config.is_taken(kind.name)).collect();
     for (arm, count, from) in

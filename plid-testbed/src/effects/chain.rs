@@ -16,8 +16,8 @@ pub(crate) trait StructureEffect {
     /// over the last `_h_s` seconds, which `_x` has already gone through without it.
     fn settle(&self, _h_s: f64, _x: &mut [f64]) {}
 
-    /// Takes note of the state at the end of a step of `_h_s` seconds, if the force depends on where the motion has been
-    /// or on chance.
+    /// Takes note of the state at the end of a step of `_h_s` seconds, if the force depends on where the motion has
+    /// been, or on chance.
     fn end_step(&mut self, _h_s: f64, _x: &[f64]) {}
 }
 
