@@ -298,7 +298,7 @@ mod tests {
             ("[draw]\noutsiders = \"both\"\n", "unknown variant `both`"),
             (
                 "outsiders = 1\n[draw]\nplants = [\"arm-loop\"]\noutsiders = \"reported\"\n",
-                "outsiders: none of those to draw makes sense",
+                "outsiders: none of the outsiders to draw makes sense",
             ),
             ("[draw]\nplants = []\n", "line 5: plants: there must be"),
             ("[draw]\nplants = [\"rotor\"]\n", "unknown variant `rotor`"),
@@ -312,7 +312,7 @@ mod tests {
             ),
             (
                 "[draw]\nplants = [\"truss\", \"arm\"]\nimperfections = 0.05\n",
-                "line 6: imperfections: those that are drawn",
+                "line 6: imperfections: imperfections are drawn only",
             ),
             (
                 "pairs = 1\n[draw]\nplants = [\"truss\", \"motor\"]\neffects = [\"clearance\", \"added-mass\"]\n",

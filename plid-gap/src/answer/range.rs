@@ -11,8 +11,9 @@ use crate::prepare::port_motion;
 /// Largest excess over the range that is stated. For an input that was never driven, the excess would be infinite.
 const MOST_TIMES: f64 = 1e3;
 
-/// Typical variation between records of one level: a smaller excess is not worth a warning.
-const JUST_BEYOND: f64 = 1.1;
+/// Typical variation between records of one level, of which the peaks of a motion vary most: a smaller excess is not
+/// worth a warning.
+const JUST_BEYOND: f64 = 1.25;
 
 /// Sizes in the fitted records, the largest over all of them. Motion is that of the linear simulation, or that of a
 /// simulator in the loop with its effects.
