@@ -128,8 +128,8 @@ pub(super) fn power_by_effect(scores: &Scores) -> String {
     })
 }
 
-/// Plots stated probabilities against observed frequencies: each calibration with its name and colour, the last with its
-/// 95 % interval.
+/// Plots stated probabilities against observed frequencies: each calibration with its name and colour, the last one
+/// with its 95 % interval.
 fn diagram(of: &[(&str, &Calibration, &str)], label: &str) -> String {
     let mut series = vec![Series::line("perfect", vec![(0.0, 0.0), (100.0, 100.0)]).colour(GREY).dashed()];
     for (k, (name, calibration, colour)) in of.iter().enumerate() {
