@@ -71,8 +71,8 @@ impl Group {
         format!("{part}, {}, n = {}", self.label, self.states)
     }
 
-    /// The form in f64 that a form is judged against: [`FACTORED_PEER`]. Parameter noise enters a matrix in another way
-    /// than a factor, which makes another filter of it; a matrix is then judged against [`MATRIX_PEER`].
+    /// Returns the form in f64 with which a form is compared: a factored one. Parameter noise enters a matrix in another
+    /// way than a factor, which makes it a different filter; a matrix form is then compared with the direct form.
     pub fn peer_of(&self, form: CovarianceName) -> CovarianceName {
         if self.parameter_noise > 0.0 && !form.is_factored() { MATRIX_PEER } else { FACTORED_PEER }
     }
