@@ -71,8 +71,9 @@ impl Group {
         format!("{part}, {}, n = {}", self.label, self.states)
     }
 
-    /// Returns the form in f64 with which a form is compared: a factored one. Parameter noise enters a matrix in another
-    /// way than a factor, which makes it a different filter; a matrix form is then compared with the direct form.
+    /// Returns the form in f64 with which a form is compared: a factored one. Parameter noise enters a matrix in
+    /// another way than a factor, which makes it a different filter; a matrix form is then compared with the direct
+    /// form.
     pub fn peer_of(&self, form: CovarianceName) -> CovarianceName {
         if self.parameter_noise > 0.0 && !form.is_factored() { MATRIX_PEER } else { FACTORED_PEER }
     }
