@@ -22,7 +22,7 @@ use crate::judge::next_experiment::next_experiment;
 use crate::judge::separability::{Predicted, Rival, rivals};
 use crate::judge::settle_all::with_all;
 use crate::judge::side::places;
-use crate::judge::stochastic_gap::squared_gap;
+use crate::judge::stochastic_gap::of_dropped;
 use crate::judge::verdict::Verdict;
 use crate::search::rules::Rules;
 use crate::search::stochastic::{Stochastic, wandering};
@@ -118,7 +118,7 @@ impl<'f, 'a> Finding<'f, 'a> {
     /// named, and further ones only if they close a noticeable share and, in an imperfect simulation, if they are more
     /// likely at work than not; the others remain among the candidates and in the prediction.
     fn named(&self) -> Vec<NamedEffect> {
-        let Judgement { gaps, shares, shown, weighted, .. } = &self.judged;
+        let Judgement { gaps, shares, shown, squared_gaps, weighted, .. } = &self.judged;
         let best = &self.explained.found.best.effects;
         let near_line = self.explained.ready.problem.settings.prepare.near_line;
         let mut named = named(self.explained, shown, weighted, shares, gaps.left());
@@ -126,8 +126,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             named[which].shape_differs = true;
         }
         // A stochastic effect has a share of the noise.
-        let noise = shown.iter().map(|u| squared_gap(self.explained, u));
-        let sizes: Vec<f64> = shares.iter().map(|share| share.closed).chain(noise).collect();
+        let sizes: Vec<f64> = shares.iter().map(|share| share.closed).chain(squared_gaps.iter().copied()).collect();
         let mut order: Vec<usize> = (0..named.len()).collect();
         order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
         let mut sorted: Vec<NamedEffect> = order.into_iter().map(|k| named[k].clone()).collect();
@@ -140,12 +139,6 @@ impl<'f, 'a> Finding<'f, 'a> {
         let mut first = true;
         sorted.retain(|effect| std::mem::take(&mut first) || stands(effect));
         sorted
-    }
-
-    /// Returns the squared gap that each of these stochastic effects of the answer makes.
-    fn squared_gaps(&self, are: impl Fn(Observation) -> bool) -> impl Iterator<Item = f64> {
-        let shown = self.judged.shown.iter().filter(move |u| are(u.placed.effect.observed_in()));
-        shown.map(|u| squared_gap(self.explained, u))
     }
 
     fn candidates(&self) -> Vec<Explanation> {
@@ -165,18 +158,17 @@ impl<'f, 'a> Finding<'f, 'a> {
     /// Returns the answer in a few sentences.
     fn sentence(&self, effects: &[NamedEffect], rivals: &[Rival]) -> String {
         let Explained { ready, found, level, .. } = self.explained;
-        let Judgement { gaps, verdict, .. } = &self.judged;
+        let Judgement { gaps, shown, squared_gaps, verdict, .. } = &self.judged;
         let (names, best) = (&ready.problem.setting.names, &found.best.effects);
         let nearest: Vec<String> = best.iter().map(|placed| in_words(std::slice::from_ref(placed), names)).collect();
-        // No free run follows dropped samples, and the noise does not contain them.
-        let dropped: f64 = self.squared_gaps(|observed| observed == Observation::Dropouts).sum();
+        let dropped = of_dropped(shown, squared_gaps);
         let beyond = (gaps.beyond_noise(gaps.with_effect).powi(2) - dropped).max(0.0).sqrt();
         let settings = &ready.problem.settings.answer;
         let remains = |_| remains(&self.maps[1], &names.outputs, beyond, gaps.as_given, settings);
         let remains = ready.widened.map(remains);
         let of = |e: &NamedEffect| {
-            let shown = self.judged.shown.iter().find(|u| u.placed.effect.name() == e.effect);
-            shown.map_or(Observation::FreeRun, |u| u.placed.effect.observed_in())
+            let found = shown.iter().find(|u| u.placed.effect.name() == e.effect);
+            found.map_or(Observation::FreeRun, |u| u.placed.effect.observed_in())
         };
         let observed: Vec<Observation> = effects.iter().map(of).collect();
         let said = Said {
@@ -186,8 +178,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             smaller: smaller(self.explained, effects).len(),
             gap: gaps,
             material: self.audit.case.config.material,
-            noise_alone: (best.is_empty() && ready.widened.is_some())
-                .then(|| self.squared_gaps(|_| true).sum::<f64>().sqrt()),
+            noise_alone: (best.is_empty() && ready.widened.is_some()).then(|| squared_gaps.iter().sum::<f64>().sqrt()),
             seen: level.seen || self.explained.unpredicted.is_some(),
             remains: remains.as_deref(),
             settings,

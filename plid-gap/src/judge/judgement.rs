@@ -33,6 +33,8 @@ pub struct Judgement<'j, 'a> {
     pub shares: Vec<Share>,
     /// Stochastic effects that enter the answer.
     pub shown: Vec<&'j Stochastic<'a>>,
+    /// The squared gap that each of them makes.
+    pub squared_gaps: Vec<f64>,
     /// All explanations with their probabilities, the most probable first.
     pub weighted: Vec<Weighted<'a>>,
     /// The verdict.
@@ -67,8 +69,9 @@ impl<'j, 'a> Judgement<'j, 'a> {
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }
-        let verdict = verdict(explained, &weighted, &shown, &gaps, config.material);
-        Self { plant, actions, gaps, held_out, simulated, shares, shown, weighted, verdict }
+        let squared_gaps: Vec<f64> = shown.iter().map(|u| squared_gap(explained, u)).collect();
+        let verdict = verdict(explained, &weighted, &squared_gaps, &gaps, config.material);
+        Self { plant, actions, gaps, held_out, simulated, shares, shown, squared_gaps, weighted, verdict }
     }
 }
 
@@ -96,10 +99,10 @@ fn kin_is_more_probable(weighted: &[Weighted], probability: f64) -> bool {
     first.is_some_and(|first| !first.effects.is_empty() && with_kin(&first.effects, weighted) > probability)
 }
 
-fn verdict(explained: &Explained, weighted: &[Weighted], shown: &[&Stochastic], gaps: &Gap, material: f64) -> Verdict {
+fn verdict(explained: &Explained, weighted: &[Weighted], squared_gaps: &[f64], gaps: &Gap, material: f64) -> Verdict {
     // If a simulation within its limits leaves less than a material gap, and stochastic effects make no more, nothing
     // matters.
-    let noise: f64 = shown.iter().map(|u| squared_gap(explained, u)).sum();
+    let noise: f64 = squared_gaps.iter().sum();
     let immaterial = explained.ready.widened.is_some()
         && gaps.beyond_noise(gaps.within_limits) < material
         && noise < material * material;
@@ -108,7 +111,7 @@ fn verdict(explained: &Explained, weighted: &[Weighted], shown: &[&Stochastic], 
         Some(top) if top.unknown && !kin_is_more_probable(weighted, top.probability) => Verdict::Unknown,
         Some(top) if !top.unknown && top.effects.is_empty() => Verdict::None,
         // Stochastic effects are not a part of the gap, which may be small although they matter.
-        Some(_) if shown.is_empty() && gaps.as_given < material => Verdict::None,
+        Some(_) if squared_gaps.is_empty() && gaps.as_given < material => Verdict::None,
         Some(_) => Verdict::Effects,
         None => Verdict::Unknown,
     }

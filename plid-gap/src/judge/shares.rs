@@ -1,12 +1,11 @@
 //! The share of the gap that each effect of the best explanation closes while the others are in place.
 
-use crate::case::record::Record;
 use crate::fit::candidate::same;
 use crate::fit::problem::{Effort, Fit, Placed};
 use crate::fit::refit::clipped;
 use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
-use crate::judge::shrink::{blocks, opened};
+use crate::judge::shrink::{blocks, floor, opened};
 use crate::plant::Plant;
 use crate::simulate::Fineness;
 
@@ -35,7 +34,7 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
     let fit = explained.fit();
     let named = &explained.found.best.effects;
     let opened = opened(explained);
-    let floor = floor(explained, &opened);
+    let floor = floor(explained, &explained.noise_rms());
     let limits = blocks(&opened, within, &[]);
     let jacobian = (named.len() > 1).then(|| problem.jacobian(&problem.nuisance.apply(&problem.plant, &fit.eta)));
     let sibling = explained.free_shape.as_ref().map(|free| (free.which, fit.effects.len() - 1));
@@ -69,10 +68,4 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
         }
     };
     (0..named.len()).map(one).collect()
-}
-
-/// Returns the gap of noise on the opened records.
-fn floor(explained: &Explained, opened: &[&Record]) -> f64 {
-    let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
-    gap::floor_over(&explained.noise_rms(), &measured)
 }

@@ -105,8 +105,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let given = of(&problem.plant, &[]);
     let refit_blocks = of(&refitted.plant, &[]);
     let with = of(plant, actions);
-    let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
-    let floor = gap::floor_over(&noise, &measured);
+    let floor = floor(explained, &noise);
     let (as_given, bounded, with_effect) = (given.gap(), refit_blocks.gap(), with.gap());
     let free_blocks = of(&free_refit(quick, limits), &[]);
     let reference_blocks = reference_effect(quick, found).map(|(plant, actions)| of(&plant, &actions));
@@ -169,6 +168,13 @@ pub(crate) fn opened<'e>(explained: &'e Explained) -> Vec<&'e Record> {
     } else {
         ready.held_out.iter().collect()
     }
+}
+
+/// Returns the gap of noise with these RMS on the opened records.
+pub(crate) fn floor(explained: &Explained, rms: &[f64]) -> f64 {
+    let opened = opened(explained);
+    let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
+    gap::floor_over(rms, &measured)
 }
 
 /// Returns free runs of records with the measured outputs.

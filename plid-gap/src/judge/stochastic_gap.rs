@@ -5,8 +5,7 @@ use crate::fit::free_run::errors;
 use crate::fit::problem::Placed;
 use crate::fit::refit::clipped;
 use crate::judge::explained::{Explained, Refusal};
-use crate::judge::gap;
-use crate::judge::shrink::{blocks, opened};
+use crate::judge::shrink::{blocks, floor, opened};
 use crate::judge::verdict::outside;
 use crate::noise::Source;
 use crate::search::rules::Rules;
@@ -53,20 +52,14 @@ pub fn squared_gap(explained: &Explained, stochastic: &Stochastic) -> f64 {
 fn of_outputs(explained: &Explained, errors: &[(usize, f64)]) -> f64 {
     let mut rms = vec![0.0; explained.ready.problem.plant.p];
     errors.iter().for_each(|&(o, error)| rms[o] = error);
-    of_rms(explained, &rms)
-}
-
-fn of_rms(explained: &Explained, rms: &[f64]) -> f64 {
-    let opened = opened(explained);
-    let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
-    gap::floor_over(rms, &measured).powi(2)
+    floor(explained, &rms).powi(2)
 }
 
 /// Returns the squared gap of a random force in a band, which is part of the noise.
 fn of_band(explained: &Explained) -> f64 {
     let mut without = explained.ready.noise.clone();
     without.sources.retain(|(source, _)| !matches!(source, Source::Band(_)));
-    (of_rms(explained, &explained.ready.noise.rms()) - of_rms(explained, &without.rms())).max(0.0)
+    (floor(explained, &explained.ready.noise.rms()).powi(2) - floor(explained, &without.rms()).powi(2)).max(0.0)
 }
 
 /// Returns the squared gap of the samples that an output drops in the fitted records; in others they are as frequent.
@@ -86,6 +79,13 @@ fn of_dropouts(explained: &Explained, o: usize) -> f64 {
     dropped / all.max(f64::MIN_POSITIVE) / problem.plant.p as f64
 }
 
+/// Returns the part that dropped samples have in the squared gaps of stochastic effects. They are masked, so the noise
+/// model does not contain them.
+pub fn of_dropped(shown: &[&Stochastic], squared_gaps: &[f64]) -> f64 {
+    let all = shown.iter().zip(squared_gaps);
+    all.filter(|(u, _)| u.placed.effect.observed_in() == Observation::Dropouts).map(|(_, squared)| squared).sum()
+}
+
 impl<'a> Explained<'a> {
     /// Replaces an explanation by the refit if it leaves too much of the gap beyond noise and limits to be credible,
     /// while stochastic effects make most of what the refit leaves. The simulation is imperfect, but its main fault is
@@ -97,16 +97,12 @@ impl<'a> Explained<'a> {
             return self;
         }
         let shown = shown(&self, stochastic, rules);
-        let made = |is: &dyn Fn(Observation) -> bool| -> f64 {
-            let of = shown.iter().filter(|u| is(u.placed.effect.observed_in()));
-            of.map(|u| squared_gap(&self, u)).sum()
-        };
-        let noise = made(&|_| true);
+        let made: Vec<f64> = shown.iter().map(|u| squared_gap(&self, u)).collect();
+        let noise: f64 = made.iter().sum();
         if noise < material * material {
             return self;
         }
-        // Dropped samples are masked, so they are no part of the noise model.
-        let floor = of_rms(&self, &self.noise_rms()) + made(&|observed| observed == Observation::Dropouts);
+        let floor = floor(&self, &self.noise_rms()).powi(2) + of_dropped(&shown, &made);
         let beyond = |eta: &[f64], effects: &[Placed]| {
             let plant = problem.nuisance.apply(&problem.plant, eta);
             let gap = blocks(&opened(&self), &plant, &problem.actions(effects)).gap();
