@@ -88,8 +88,8 @@ pub fn of_dropped(shown: &[&Stochastic], squared_gaps: &[f64]) -> f64 {
 
 impl<'a> Explained<'a> {
     /// Replaces an explanation by the refit if it leaves too much of the gap beyond noise and limits to be credible,
-    /// while stochastic effects make most of what the refit leaves. The main fault of such a simulation does not show in
-    /// free runs. The probability of something else is that of a fit which leaves the same share.
+    /// while stochastic effects make most of what the refit leaves. The main fault of such a simulation does not show
+    /// in free runs. The probability of something else is that of a fit which leaves the same share.
     pub(crate) fn leave_to_noise(mut self, stochastic: &[Stochastic<'a>], rules: &Rules, material: f64) -> Self {
         let problem = &self.ready.problem;
         let settings = &problem.settings.judge;
