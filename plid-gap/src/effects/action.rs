@@ -28,7 +28,9 @@ impl Drive {
         }
         let each = parts / self.parts;
         for channel in &mut self.u {
-            *channel = channel.iter().flat_map(|&x| std::iter::repeat_n(x, each)).collect();
+            let mut refined = Vec::with_capacity(each * channel.len());
+            channel.iter().for_each(|&x| refined.extend(std::iter::repeat_n(x, each)));
+            *channel = refined;
         }
         self.parts *= each;
     }

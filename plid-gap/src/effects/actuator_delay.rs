@@ -64,9 +64,11 @@ impl Command for Delay {
             if self.place != Place::AllInputs && self.place != Place::Input(i) {
                 continue;
             }
-            let at = |k: usize, back: usize| if k >= back { channel[k - back] } else { 0.0 };
-            let delayed = |k: usize| weights.iter().enumerate().map(|(j, weight)| weight * at(k, first + j)).sum();
-            *channel = (0..channel.len()).map(delayed).collect();
+            let mut delayed = vec![0.0; channel.len()];
+            for (weight, back) in weights.iter().zip(first..) {
+                delayed.iter_mut().skip(back).zip(&*channel).for_each(|(to, from)| *to += weight * from);
+            }
+            *channel = delayed;
         }
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! A mode's ten or so parameters act through the same few signals: its state under each input, and what passes the
 //! actuators and filters. Each derivative is a sum of them. A whitened derivative takes as much memory as all outputs,
-//! and hundreds of them many times that of the records, so they are kept as signals and gains.
+//! and hundreds of them many times that of the records, so only the gains are kept; the signals are computed where they
+//! are needed.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
@@ -10,7 +11,8 @@ use nalgebra::DMatrix;
 
 use crate::case::record::{Channels, Record};
 use crate::fit::nuisance::Nuisance;
-use crate::plant::{Actuator, Filter, Mode, Passed, Plant, Spectrum};
+use crate::fit::signals::{Recurrence, Signal, Signals};
+use crate::plant::{Actuator, Mode, Passed, Plant, Spectrum};
 use crate::simulate::{Fineness, simulate};
 use plid_fourier::C;
 
@@ -27,11 +29,10 @@ const LOOP_STEP: f64 = 1e-5;
 /// The derivatives of the outputs of one record.
 #[derive(Clone)]
 pub struct Derivatives {
-    /// The derivative by each parameter that acts on the record.
+    /// The derivative by each parameter that acts on the record. Those that share signals follow each other.
     pub columns: Vec<Column>,
     samples: usize,
-    /// The signals, one after the other.
-    signals: Vec<f64>,
+    signals: Signals,
 }
 
 /// A derivative.
@@ -46,64 +47,73 @@ pub struct Column {
 #[derive(Clone)]
 struct Part {
     output: usize,
-    signal: usize,
+    signal: Signal,
     gain: f64,
 }
 
 impl Derivatives {
     fn new(samples: usize) -> Self {
-        Self { columns: Vec::new(), samples, signals: Vec::new() }
+        Self { columns: Vec::new(), samples, signals: Signals::default() }
     }
 
-    /// Writes a derivative of the outputs.
-    pub fn write(&self, column: &Column, y: &mut [Vec<f64>]) {
-        y.iter_mut().for_each(|y| y.fill(0.0));
-        for part in &column.parts {
-            let signal = &self.signals[part.signal * self.samples..][..self.samples];
-            y[part.output].iter_mut().zip(signal).for_each(|(y, s)| *y += part.gain * s);
+    /// Returns the columns that share their first source of signals.
+    pub fn groups(&self) -> impl Iterator<Item = &[Column]> {
+        let source = |column: &Column| column.parts.first().map(|part| part.signal.source);
+        self.columns.chunk_by(move |a, b| source(a) == source(b))
+    }
+
+    /// Computes derivatives of the outputs under a record's inputs, one after the other, and gives each to `work`.
+    pub fn write<'c>(
+        &self,
+        columns: &'c [Column],
+        u: &[Vec<f64>],
+        y: &mut [Vec<f64>],
+        mut work: impl FnMut(&'c Column, &[Vec<f64>]),
+    ) {
+        let mut sources: Vec<usize> = columns.iter().flat_map(|c| &c.parts).map(|part| part.signal.source).collect();
+        sources.sort_unstable();
+        sources.dedup();
+        let wholes: Vec<Vec<f64>> = sources.iter().map(|&s| self.signals.whole(s, u, self.samples)).collect();
+        for column in columns {
+            y.iter_mut().for_each(|y| y.fill(0.0));
+            for part in &column.parts {
+                let whole = sources.binary_search(&part.signal.source).expect("the sources of all parts are there");
+                let signal = &wholes[whole][part.signal.number * self.samples..][..self.samples];
+                y[part.output].iter_mut().zip(signal).for_each(|(y, s)| *y += part.gain * s);
+            }
+            work(column, y);
         }
     }
 
     /// Adds the products of every derivative with several sets of channels (p each, from the first sample on): a column
-    /// of `to` for each set, a row for each parameter.
-    pub fn add_products(&self, sets: &[Channels], to: &mut DMatrix<f64>) {
+    /// of `to` for each set, a row for each parameter. `u` are the record's inputs.
+    pub fn add_products(&self, u: &[Vec<f64>], sets: &[Channels], to: &mut DMatrix<f64>) {
         let Some(length) = sets.first().map(|channels| channels[0].len()) else { return };
-        let all = self.signals.len() / self.samples;
-        let signals = MatRef::from_column_major_slice(&self.signals, self.samples, all).subrows(0, length);
-        // The signals are read once for all sets.
+        // The signals are computed once for all sets.
         let channels: Vec<f64> = sets.iter().flatten().flatten().copied().collect();
         let channels = MatRef::from_column_major_slice(&channels, length, channels.len() / length);
-        let mut products = Mat::zeros(all, channels.ncols());
-        matmul(products.as_mut(), Accum::Replace, signals.transpose(), channels, 1.0, Par::Seq);
+        let mut products = Mat::zeros(self.signals.count(), channels.ncols());
+        self.signals.for_each_block(u, length, |range, block| {
+            let signals = MatRef::from_column_major_slice(block, range.len(), self.signals.count());
+            let channels = channels.subrows(range.start, range.len());
+            matmul(products.as_mut(), Accum::Add, signals.transpose(), channels, 1.0, Par::Seq);
+        });
         let p = sets[0].len();
         for column in &self.columns {
             for set in 0..sets.len() {
-                let product = |part: &Part| part.gain * products[(part.signal, set * p + part.output)];
+                let product =
+                    |part: &Part| part.gain * products[(self.signals.place(part.signal), set * p + part.output)];
                 to[(column.parameter, set)] += column.parts.iter().map(product).sum::<f64>();
             }
         }
     }
 
-    /// Keeps a signal and returns its number.
-    fn real(&mut self, signal: impl IntoIterator<Item = f64>) -> usize {
-        let number = self.signals.len() / self.samples;
-        self.signals.extend(signal.into_iter().take(self.samples));
-        self.signals.resize((number + 1) * self.samples, 0.0);
-        number
-    }
-
-    /// Keeps a complex signal as two real ones and returns the number of the first.
-    fn complex(&mut self, signal: &[C]) -> usize {
-        let first = self.real(signal.iter().map(|z| z.re));
-        self.real(signal.iter().map(|z| z.im));
-        first
-    }
-
     /// Keeps a derivative that shares no signal with others.
     fn alone(&mut self, parameter: usize, outputs: Channels) {
         let mut column = Column::new(parameter);
-        for (o, y) in outputs.into_iter().enumerate() {
-            column.add(o, self.real(y), 1.0);
+        for (o, mut y) in outputs.into_iter().enumerate() {
+            y.resize(self.samples, 0.0);
+            column.add(o, self.signals.kept(y), 1.0);
         }
         self.columns.push(column);
     }
@@ -115,7 +125,7 @@ impl Column {
     }
 
     /// Adds a signal to an output.
-    fn add(&mut self, output: usize, signal: usize, gain: f64) {
+    fn add(&mut self, output: usize, signal: Signal, gain: f64) {
         match self.parts.iter_mut().find(|part| (part.output, part.signal) == (output, signal)) {
             Some(part) => part.gain += gain,
             None => self.parts.push(Part { output, signal, gain }),
@@ -123,9 +133,9 @@ impl Column {
     }
 
     /// Adds the real part of a gain times a complex signal.
-    fn add_complex(&mut self, output: usize, signal: usize, gain: C) {
+    fn add_complex(&mut self, output: usize, signal: Signal, gain: C) {
         self.add(output, signal, gain.re);
-        self.add(output, signal + 1, -gain.im);
+        self.add(output, signal.imaginary(), -gain.im);
     }
 }
 
@@ -146,9 +156,11 @@ impl Nuisance {
             self.add_start(plant, index, &mut found);
             return found;
         }
-        let through = Through::new(plant, record, &mut found);
-        for k in 0..self.modes {
-            let response = Response::new(&plant.modes[k], 1.0 / plant.rate, record, &mut found);
+        let through = Through::new(plant, &mut found.signals);
+        for (k, (units, slope)) in
+            found.signals.modes(&plant.modes[..self.modes], 1.0 / plant.rate).into_iter().enumerate()
+        {
+            let response = Response { units, slope };
             self.by_shapes(plant, k, &response, &through, &mut found);
             self.by_pole(plant, k, &response, &through, &mut found);
         }
@@ -182,7 +194,7 @@ impl Nuisance {
         }
         for o in 0..self.p {
             let mut column = Column::new(base + 2 + self.m + o);
-            column.add_complex(o, response.sum, 2.0 * c);
+            response.add_sum(mode, &mut column, o, 2.0 * c);
             let mut changed = mode.clone();
             changed.c.iter_mut().enumerate().for_each(|(j, x)| *x = if j == o { c } else { C::ZERO });
             through.add(plant, &Passed::new(plant, &changed), &mut column, 1.0);
@@ -209,7 +221,7 @@ impl Nuisance {
                 let behind = relative_slope(&|s| plant.chain.behind(o, s));
                 let row = 2.0 * mode.c[o];
                 column.add_complex(o, response.slope, row * change);
-                column.add_complex(o, response.sum, row * (shape + behind));
+                response.add_sum(mode, &mut column, o, row * (shape + behind));
                 before.iter().zip(&response.units).for_each(|(gain, &unit)| column.add_complex(o, unit, row * gain));
             }
             through.add(plant, &passed.at(mode.pole + change * POLE_STEP), &mut column, 1.0 / POLE_STEP);
@@ -251,9 +263,8 @@ impl Nuisance {
         }
         for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
             let turn = (mode.pole / plant.rate).exp();
-            let next = |z: &C| Some(z * turn);
-            let decay: Vec<C> = std::iter::successors(Some(C::from(self.sizes[k])), next).take(to.samples).collect();
-            let decay = to.complex(&decay);
+            let decay = Recurrence { turn, driven: None, start: C::from(self.sizes[k]), real: false };
+            let decay = to.signals.recurrence(decay);
             for (part, start) in [C::ONE, C::I].into_iter().enumerate() {
                 let mut column = Column::new(at + 2 * k + part);
                 (0..self.p).for_each(|o| column.add_complex(o, decay, 2.0 * mode.c[o] * start));
@@ -297,71 +308,44 @@ fn slope(mut moved: Channels, nominal: &Channels, step: f64) -> Channels {
     moved
 }
 
-/// The numbers of the signals of a mode's state under a record's inputs.
+/// The signals of a mode's state under a record's inputs.
 struct Response {
     /// Under each input alone, through a shape of one.
-    units: Vec<usize>,
-    /// Under all inputs, through the mode's own shape.
-    sum: usize,
-    /// Its derivative by the pole.
-    slope: usize,
+    units: Vec<Signal>,
+    /// The derivative by the pole of that under all inputs, through the mode's own shape.
+    slope: Signal,
 }
 
 impl Response {
-    fn new(mode: &Mode, step: f64, record: &Record, to: &mut Derivatives) -> Self {
-        let turn = (mode.pole * step).exp();
-        let held = (turn - 1.0) / mode.pole;
-        let held_slope = (turn * step - held) / mode.pole;
-        let response = |u: &Vec<f64>| -> Vec<C> {
-            let next = |z: &mut C, u: &f64| Some(std::mem::replace(z, turn * *z + held * u));
-            u.iter().scan(C::ZERO, next).collect()
-        };
-        let units: Vec<Vec<C>> = record.u.iter().map(response).collect();
-        let of_all = |n: usize| -> C { mode.b.iter().zip(&units).map(|(b, unit)| b * unit[n]).sum() };
-        let sum: Vec<C> = (0..record.samples()).map(of_all).collect();
-        let mut slope = Vec::with_capacity(sum.len());
-        let mut w = C::ZERO;
-        for (n, z) in sum.iter().enumerate() {
-            slope.push(w);
-            let driven: C = mode.b.iter().zip(&record.u).map(|(b, u)| b * u[n]).sum();
-            w = turn * w + turn * step * z + held_slope * driven;
-        }
-        Self {
-            units: units.iter().map(|unit| to.complex(unit)).collect(),
-            sum: to.complex(&sum),
-            slope: to.complex(&slope),
-        }
+    /// Adds the real part of a gain times the mode's state to an output.
+    fn add_sum(&self, mode: &Mode, column: &mut Column, output: usize, gain: C) {
+        self.units.iter().zip(&mode.b).for_each(|(&unit, b)| column.add_complex(output, unit, gain * b));
     }
 }
 
-/// The numbers of the signals of actuators and filters under a record's inputs.
+/// The signals of actuators and filters under a record's inputs.
 struct Through {
     /// The output of each actuator (m), if it has a pole.
-    actuators: Vec<Option<usize>>,
+    actuators: Vec<Option<Signal>>,
     /// The states of the filters under each input: p x poles x m.
-    filters: Vec<Vec<Vec<usize>>>,
+    filters: Vec<Vec<Vec<Signal>>>,
     /// The inputs (m).
-    u: Vec<usize>,
+    u: Vec<Signal>,
 }
 
 impl Through {
-    fn new(plant: &Plant, record: &Record, to: &mut Derivatives) -> Self {
+    fn new(plant: &Plant, to: &mut Signals) -> Self {
         let chain = &plant.chain;
-        let step = 1.0 / plant.rate;
-        let lagged = |pole: C, gain: C, u: &[f64]| -> Vec<C> {
-            let turn = (pole * step).exp();
-            let held = (turn - 1.0) / pole * gain;
-            let next = |z: &mut C, u: &f64| Some(std::mem::replace(z, turn * *z + held * u));
-            u.iter().scan(C::ZERO, next).collect()
-        };
-        let actuator = |(actuator, u): (&Option<Actuator>, &Vec<f64>)| {
+        let actuator = |(i, actuator): (usize, &Option<Actuator>)| {
             let pole = C::from(-actuator.as_ref()?.pole);
-            Some(to.real(lagged(pole, -pole, u).iter().map(|z| z.re)))
+            let turn = (pole / plant.rate).exp();
+            Some(to.recurrence(Recurrence { turn, driven: Some((i, 1.0 - turn)), start: C::ZERO, real: true }))
         };
-        let actuators = chain.actuator.iter().zip(&record.u).map(actuator).collect();
-        let mut filter = |f: &Filter| record.u.iter().map(|u| to.complex(&lagged(f.pole, C::ONE, u))).collect();
-        let filters = chain.filter.iter().map(|poles| poles.iter().map(&mut filter).collect()).collect();
-        let u = if chain.known() { record.u.iter().map(|u| to.real(u.iter().copied())).collect() } else { Vec::new() };
+        let actuators = chain.actuator.iter().enumerate().map(actuator).collect();
+        let poles: Vec<C> = chain.filter.iter().flatten().map(|filter| filter.pole).collect();
+        let mut of_all = to.filters(&poles, plant.m, 1.0 / plant.rate).into_iter();
+        let filters = chain.filter.iter().map(|poles| of_all.by_ref().take(poles.len()).collect()).collect();
+        let u = if chain.known() { (0..plant.m).map(|i| to.input(i)).collect() } else { Vec::new() };
         Self { actuators, filters, u }
     }
 
@@ -411,14 +395,13 @@ mod tests {
         let channels = testing::random_input(4, 700, 2);
         let mut products = DMatrix::zeros(nuisance.len(), 2);
         let other = testing::random_input(5, 700, 2);
-        found.add_products(&[other, channels.clone()], &mut products);
+        found.add_products(&u, &[other, channels.clone()], &mut products);
         let mut derivative = vec![vec![0.0; 800]; 2];
-        for column in &found.columns {
+        found.write(&found.columns, &u, &mut derivative, |column, derivative| {
             const STEP: f64 = 1e-5;
             let mut eta = zero.clone();
             eta[column.parameter] = STEP;
             let moved = run(&eta);
-            found.write(column, &mut derivative);
             let (mut error, mut size, mut product) = (0.0, 0.0, 0.0);
             for o in 0..2 {
                 for k in 0..800 {
@@ -430,6 +413,6 @@ mod tests {
             }
             assert!(error < 1e-4 * size + 1e-18, "{:?}: {}", nuisance.entry(column.parameter), (error / size).sqrt());
             assert!((products[(column.parameter, 1)] - product).abs() < 1e-9 * size.sqrt());
-        }
+        });
     }
 }

@@ -46,11 +46,10 @@ fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
     let mut columns = nalgebra::DMatrix::zeros(record.y.len() * record.samples(), states);
     let mut y = vec![vec![0.0; record.samples()]; record.y.len()];
     let derivatives = nuisance.by_start(plant, record.samples(), 0);
-    for column in &derivatives.columns {
-        derivatives.write(column, &mut y);
+    derivatives.write(&derivatives.columns, &record.u, &mut y, |column, y| {
         let flat: Vec<f64> = y.iter().flatten().copied().collect();
         columns.column_mut(column.parameter - first).copy_from_slice(&flat);
-    }
+    });
     let mut normal = columns.tr_mul(&columns);
     let ridge = 1e-9 * normal.trace().max(f64::MIN_POSITIVE);
     (0..states).for_each(|i| normal[(i, i)] += ridge);

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use plid_lsq::Normal;
 use rayon::prelude::*;
 
-use crate::case::record::{Channels, Record};
+use crate::case::record::Channels;
 use crate::fit::derivatives::Derivatives;
 use crate::fit::descent::{Fit, Point};
 use crate::fit::problem::{Placed, Problem};
@@ -27,16 +27,10 @@ pub struct Jacobian {
 enum Kept {
     /// All of them.
     Values(Columns),
-    /// The linear model to which they belong. Its derivatives are computed again for each product: whitened, those of
-    /// all parameters would take tens of times the memory of the records.
-    Model(Box<Plant>, Option<Box<Spectrum>>),
-    /// Those of each record, before they are whitened.
+    /// Those of each record, before they are whitened: hundreds of whitened ones take many times the memory of the
+    /// records.
     Signals(Vec<Derivatives>),
 }
-
-/// Largest number of samples of all records whose derivatives are kept: those of the first samples, to which hundreds
-/// of effects are compared.
-const KEPT: usize = 20_000;
 
 impl Jacobian {
     /// Creates the Jacobian from its columns; the parameters have a prior of these standard deviations.
@@ -57,26 +51,18 @@ impl Jacobian {
 
     /// Returns J' V for V of several columns, whose rows are those of the problem.
     pub(super) fn cross(&self, problem: &Problem, v: MatRef<'_, f64>) -> DMatrix<f64> {
-        if let Kept::Values(columns) = &self.kept {
-            return product(columns.matrix(), v);
-        }
+        let of_records = match &self.kept {
+            Kept::Values(columns) => return product(columns.matrix(), v),
+            Kept::Signals(of_records) => of_records,
+        };
         let mut products = DMatrix::zeros(problem.nuisance.len(), v.ncols());
-        for index in 0..problem.records.len() {
-            let made;
-            let derivatives = match &self.kept {
-                Kept::Signals(all) => &all[index],
-                Kept::Model(plant, spectrum) => {
-                    made = problem.derivatives(plant, spectrum.as_deref(), index);
-                    &made
-                }
-                Kept::Values(_) => unreachable!("their product is formed above"),
-            };
+        for (index, derivatives) in of_records.iter().enumerate() {
             let channels = |j: usize| {
                 let white = v.col(j).try_as_col_major().expect("columns are contiguous").as_slice();
                 problem.whiteners[index].adjoint(&white[problem.rows_of(index)])
             };
             let all: Vec<Channels> = (0..v.ncols()).into_par_iter().map(channels).collect();
-            derivatives.add_products(&all, &mut products);
+            derivatives.add_products(&problem.records[index].u, &all, &mut products);
         }
         products
     }
@@ -123,32 +109,35 @@ impl Problem {
         let spectrum = Spectrum::of(plant);
         let mut normal = DMatrix::zeros(self.nuisance.len(), self.nuisance.len());
         add_prior(&mut normal, &self.nuisance.std);
-        let keep = self.records.iter().map(Record::samples).sum::<usize>() <= KEPT;
-        let mut kept = Vec::new();
-        for index in 0..self.records.len() {
-            let derivatives = self.derivatives(plant, spectrum.as_ref(), index);
+        let derivatives = |index: usize| {
+            let derivatives = self.nuisance.derivatives(plant, spectrum.as_ref(), &self.records[index], index);
             self.add_normal(index, &derivatives, &mut normal);
-            if keep {
-                kept.push(derivatives);
-            }
-        }
-        let model = || Kept::Model(Box::new(plant.clone()), spectrum.map(Box::new));
-        Jacobian { normal, kept: if keep { Kept::Signals(kept) } else { model() } }
-    }
-
-    fn derivatives(&self, plant: &Plant, spectrum: Option<&Spectrum>, index: usize) -> Derivatives {
-        self.nuisance.derivatives(plant, spectrum, &self.records[index], index)
+            derivatives
+        };
+        let kept = (0..self.records.len()).map(derivatives).collect();
+        Jacobian { normal, kept: Kept::Signals(kept) }
     }
 
     /// Adds the information of one record.
     fn add_normal(&self, index: usize, derivatives: &Derivatives, to: &mut DMatrix<f64>) {
-        let (whitener, columns) = (&self.whiteners[index], &derivatives.columns);
+        let (whitener, record) = (&self.whiteners[index], &self.records[index]);
         let rows = whitener.rows();
-        let mut values = vec![0.0; rows * columns.len()];
-        let outputs = || vec![vec![0.0; self.records[index].samples()]; self.plant.p];
-        values.par_chunks_mut(rows.max(1)).zip(columns).for_each_init(outputs, |y, (white, column)| {
-            derivatives.write(column, y);
-            whitener.apply(y, white);
+        let mut values = vec![0.0; rows * derivatives.columns.len()];
+        let mut left = values.as_mut_slice();
+        let mut groups = Vec::new();
+        for group in derivatives.groups() {
+            let (of_group, others) = left.split_at_mut(rows * group.len());
+            groups.push((group, of_group));
+            left = others;
+        }
+        let outputs = || vec![vec![0.0; record.samples()]; self.plant.p];
+        groups.into_par_iter().for_each_init(outputs, |y, (group, values)| {
+            let mut columns = values.chunks_mut(rows.max(1));
+            derivatives.write(group, &record.u, y, |_, y| {
+                if let Some(white) = columns.next() {
+                    whitener.apply(y, white);
+                }
+            });
         });
         let columns = Columns { rows, values };
         let normal = product(columns.matrix(), columns.matrix());

@@ -11,3 +11,4 @@ pub(crate) mod problem;
 pub(crate) mod refit;
 mod robust;
 mod scale;
+mod signals;

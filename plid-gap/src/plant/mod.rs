@@ -27,8 +27,8 @@ use crate::error::GapError;
 use crate::settings::PlantSettings;
 use plid_fourier::C;
 
+pub(crate) use chain::Actuator;
 pub use chain::SignalChain;
-pub(crate) use chain::{Actuator, Filter};
 pub use declared::CasePort;
 pub use kind::{KindSource, Sensed};
 pub use load::Load;

@@ -116,21 +116,38 @@ impl Rows {
     #[inline(always)]
     pub fn add_times<const R: usize>(&self, x: &[Lane<R>], to: &mut [Lane<R>]) {
         for (rows, to) in self.values.chunks_exact(self.fours.max(1)).zip(to) {
-            // Two sums, so that an addition need not wait for the last one.
-            let (mut even, mut odd) = (*to, [Quad::default(); R]);
-            for (columns, x) in rows.iter().zip(x) {
-                for r in 0..R {
-                    for l in 0..WIDE {
-                        even[r].0[l] += columns[0].0[l] * x[r].0[0];
-                        odd[r].0[l] += columns[1].0[l] * x[r].0[1];
-                    }
-                    for l in 0..WIDE {
-                        even[r].0[l] += columns[2].0[l] * x[r].0[2];
-                        odd[r].0[l] += columns[3].0[l] * x[r].0[3];
-                    }
-                }
-            }
-            *to = std::array::from_fn(|r| Quad(std::array::from_fn(|l| even[r].0[l] + odd[r].0[l])));
+            *to = plus_times(*to, rows, x);
         }
     }
+
+    /// to = from + matrix * x, in each run.
+    #[inline(always)]
+    pub fn sum_times<const R: usize>(&self, from: &[Lane<R>], x: &[Lane<R>], to: &mut [Lane<R>]) {
+        if self.values.is_empty() {
+            to.copy_from_slice(from);
+        }
+        for ((rows, from), to) in self.values.chunks_exact(self.fours.max(1)).zip(from).zip(to) {
+            *to = plus_times(*from, rows, x);
+        }
+    }
+}
+
+/// Returns from + rows * x, of four rows.
+#[inline(always)]
+fn plus_times<const R: usize>(from: Lane<R>, rows: &[[Quad; WIDE]], x: &[Lane<R>]) -> Lane<R> {
+    // Two sums, so that an addition need not wait for the last one.
+    let (mut even, mut odd) = (from, [Quad::default(); R]);
+    for (columns, x) in rows.iter().zip(x) {
+        for r in 0..R {
+            for l in 0..WIDE {
+                even[r].0[l] += columns[0].0[l] * x[r].0[0];
+                odd[r].0[l] += columns[1].0[l] * x[r].0[1];
+            }
+            for l in 0..WIDE {
+                even[r].0[l] += columns[2].0[l] * x[r].0[2];
+                odd[r].0[l] += columns[3].0[l] * x[r].0[3];
+            }
+        }
+    }
+    std::array::from_fn(|r| Quad(std::array::from_fn(|l| even[r].0[l] + odd[r].0[l])))
 }

@@ -6,7 +6,7 @@
 
 mod block;
 mod feedback;
-mod lanes;
+pub(crate) mod lanes;
 mod runner;
 mod together;
 

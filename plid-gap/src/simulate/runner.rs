@@ -77,7 +77,8 @@ pub struct Runner<'a, const R: usize> {
     feedback: Option<Feedback<'a, R>>,
     /// Direct feedthrough of the inputs.
     d: DMatrix<f64>,
-    /// Increments of the state, and then of the motion, over a block: by the held input, and with the disturbances.
+    /// Increments of the state, and then of the motion, over a block: by the held input, and with the disturbances, if
+    /// there are any.
     held: Vec<Lane<R>>,
     added: Vec<Lane<R>>,
     state: Vec<Lane<R>>,
@@ -237,6 +238,9 @@ impl<'a, const R: usize> Runner<'a, R> {
 
     #[inline(always)]
     fn renew(&mut self) {
+        if self.pushes.is_empty() {
+            return;
+        }
         self.added.copy_from_slice(&self.held);
         let driven = &self.maps.driven[self.maps.driven.len() - self.pushes.len()..];
         for (push, driven) in self.pushes.iter().zip(driven) {
@@ -293,10 +297,10 @@ impl<'a, const R: usize> Runner<'a, R> {
     /// Steps by a block; the `last` one ends a sample.
     #[inline(always)]
     fn step(&mut self, last: bool) {
-        let (to_state, to_motion) = self.added.split_at(self.state.len());
+        let added = if self.pushes.is_empty() { &self.held } else { &self.added };
+        let (to_state, to_motion) = added.split_at(self.state.len());
         if !self.ports.is_empty() {
-            self.motion.copy_from_slice(to_motion);
-            self.maps.motion.add_times(&self.state, &mut self.motion);
+            self.maps.motion.sum_times(to_motion, &self.state, &mut self.motion);
         }
         let modes = self.state.len() - self.next.len();
         let (modes, rest) = self.state.split_at_mut(modes);
@@ -304,14 +308,12 @@ impl<'a, const R: usize> Runner<'a, R> {
         lanes::turn(modes, &self.maps.turn, to_modes);
         match &self.late {
             None => {
-                self.next.copy_from_slice(to_rest);
-                self.maps.rest.add_times(rest, &mut self.next);
+                self.maps.rest.sum_times(to_rest, rest, &mut self.next);
                 rest.copy_from_slice(&self.next);
             }
             Some(late) => {
                 if last {
-                    self.next.copy_from_slice(&late.held);
-                    late.a.add_times(rest, &mut self.next);
+                    late.a.sum_times(&late.held, rest, &mut self.next);
                     rest.copy_from_slice(&self.next);
                 }
                 late.sees.add_times(rest, &mut self.motion);
