@@ -85,6 +85,9 @@ class Simulator:
         Number of steps in a sample.
     name : str, optional
         The name of the simulator in messages.
+    patience : float, default 600.0
+        Longest time of a call (a run, or a step), in s. A call that takes longer fails with `TimeoutError`. Native code
+        is not interrupted: the exception is raised once it returns to Python.
 
     Examples
     --------
@@ -102,6 +105,7 @@ class Simulator:
         ports: Sequence[str | Port] = (),
         steps_per_sample: int = 1,
         name: str | None = None,
+        patience: float = 600.0,
     ) -> None:
         # The compiled half calls this one itself.
         step = getattr(simulator, "step", None)
@@ -114,6 +118,7 @@ class Simulator:
         self._kept: dict[int, Any] = {}
         self._simulator = simulator
         self.rate = positive(rate, "rate")
+        self.patience = positive(patience, "patience")
         self.inputs = list(inputs)
         kinds = outputs if isinstance(outputs, Mapping) else dict.fromkeys(outputs)
         self.outputs = list(kinds)

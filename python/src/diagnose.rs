@@ -51,7 +51,7 @@ pub fn diagnose(
     let excitations = excitations_of(&config, &inputs, &mut warnings).map_err(wrong)?;
     records.iter_mut().zip(excitations).for_each(|(record, excitation)| record.excitation = excitation);
     let case = Case { config, model: None, controller: None, records, for_simulation: Vec::new(), warnings };
-    let (mut simulator, shelf) = of_object(py, description.clone(), simulator);
+    let (mut simulator, shelf) = of_object(py, description.clone(), simulator)?;
     let mut say = |line: String| {
         let told = Python::attach(|py| {
             py.check_signals()?;
@@ -130,7 +130,7 @@ impl Outcome {
         u: PyReadonlyArray2<'py, f64>,
         t0: Option<f64>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Option<String>)> {
-        let (mut simulator, shelf) = of_object(py, self.description.clone(), simulator);
+        let (mut simulator, shelf) = of_object(py, self.description.clone(), simulator)?;
         let t0 = t0.unwrap_or(self.answered.t0());
         let u = columns(u.as_array());
         let work = || self.answered.predict(simulator.as_mut(), &Library::standard(), &u, t0);

@@ -7,6 +7,7 @@ mod errors;
 mod fmu;
 mod identify;
 mod model;
+mod patience;
 mod predictor;
 mod recursion;
 mod simulator;

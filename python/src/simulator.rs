@@ -12,6 +12,7 @@ use pyo3::types::{PyFloat, PyList, PyTuple};
 
 use crate::errors::value;
 use crate::fmu::Fmu;
+use crate::patience::Patience;
 
 /// The exceptions of the simulator: the last one, and the one that ends the computation, such as Ctrl-C.
 #[derive(Default)]
@@ -27,6 +28,7 @@ pub type Shelf = Arc<Mutex<Raised>>;
 struct Whole {
     description: Description,
     object: Py<PyAny>,
+    patience: Patience,
     shelf: Shelf,
 }
 
@@ -38,6 +40,7 @@ struct Stepping {
     step: Py<PyAny>,
     /// Displacements and velocities after a step.
     moved: Vec<f64>,
+    patience: Patience,
     shelf: Shelf,
 }
 
@@ -59,22 +62,27 @@ pub fn unless_ended<T>(shelf: &Shelf, work: impl FnOnce(Python<'_>) -> PyResult<
 }
 
 /// Returns the simulator of an object of `plid._simulator`, and the store of its exceptions. The object holds an FMU as
-/// `native`, and the `step` method of the user's own object as `own_step`.
-pub fn of_object(py: Python<'_>, description: Description, object: Py<PyAny>) -> (Box<dyn Simulator + Send>, Shelf) {
+/// `native`, and the `step` method of the user's own object as `own_step`; `patience` is the longest time of a call, in s.
+pub fn of_object(
+    py: Python<'_>,
+    description: Description,
+    object: Py<PyAny>,
+) -> PyResult<(Box<dyn Simulator + Send>, Shelf)> {
     let shelf = Shelf::default();
     let bound = object.bind(py);
     if let Ok(fmu) = bound.getattr("native").and_then(|native| Ok(native.cast_into::<Fmu>()?)) {
-        return (Box::new(fmu.get().in_loop(Arc::clone(&shelf))), shelf);
+        return Ok((Box::new(fmu.get().in_loop(Arc::clone(&shelf))), shelf));
     }
+    let patience = Patience::new(&description.name, bound.getattr("patience")?.extract()?);
     let own_step = bound.getattr("own_step").ok().filter(|step| !step.is_none()).map(Bound::unbind);
     let simulator: Box<dyn Simulator + Send> = match own_step {
         Some(step) => {
             let moved = vec![0.0; 2 * description.ports.len()];
-            Box::new(Stepping { description, object, step, moved, shelf: Arc::clone(&shelf) })
+            Box::new(Stepping { description, object, step, moved, patience, shelf: Arc::clone(&shelf) })
         }
-        None => Box::new(Whole { description, object, shelf: Arc::clone(&shelf) }),
+        None => Box::new(Whole { description, object, patience, shelf: Arc::clone(&shelf) }),
     };
-    (simulator, shelf)
+    Ok((simulator, shelf))
 }
 
 /// Runs an object of `plid._simulator` from rest (samples x channels).
@@ -87,7 +95,7 @@ pub fn run<'py>(
     u: PyReadonlyArray2<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let description: Description = serde_json::from_str(description).map_err(value)?;
-    let (mut simulator, shelf) = of_object(py, description, simulator);
+    let (mut simulator, shelf) = of_object(py, description, simulator)?;
     let (parameters, u) = (parameters.as_array().to_vec(), columns(u.as_array()));
     match py.detach(|| Checked::new(simulator.as_mut())?.run(&parameters, &u)) {
         Ok(y) => Ok(rows(&y).to_pyarray(py)),
@@ -99,7 +107,7 @@ pub fn run<'py>(
 #[pyfunction]
 pub fn check(py: Python<'_>, simulator: Py<PyAny>, description: &str, size: f64) -> PyResult<String> {
     let description: Description = serde_json::from_str(description).map_err(value)?;
-    let (mut simulator, shelf) = of_object(py, description, simulator);
+    let (mut simulator, shelf) = of_object(py, description, simulator)?;
     let found = py.detach(|| plid_simulator::check(simulator.as_mut(), size));
     match (ended(&shelf), found) {
         (Some(error), _) => Err(error),
@@ -112,7 +120,7 @@ pub fn check(py: Python<'_>, simulator: Py<PyAny>, description: &str, size: f64)
 #[pyfunction]
 pub fn serve(py: Python<'_>, simulator: Py<PyAny>, description: &str) -> PyResult<()> {
     let description: Description = serde_json::from_str(description).map_err(value)?;
-    let (mut simulator, shelf) = of_object(py, description, simulator);
+    let (mut simulator, shelf) = of_object(py, description, simulator)?;
     let output = own_output()?;
     // From now on, Python prints to standard error.
     py.import("os")?.call_method1("dup2", (2, 1))?;
@@ -205,7 +213,8 @@ impl Simulator for Whole {
 
     fn run(&mut self, parameters: &[f64], u: &[Vec<f64>]) -> Result<Vec<Vec<f64>>, SimulatorError> {
         unless_ended(&self.shelf, |py| {
-            let y = self.object.bind(py).call_method1("run", (parameters.to_pyarray(py), rows(u).to_pyarray(py)))?;
+            let given = (parameters.to_pyarray(py), rows(u).to_pyarray(py));
+            let y = self.patience.over(py, || self.object.bind(py).call_method1("run", given))?;
             let y: PyReadonlyArray2<'_, f64> = y.extract()?;
             Ok(columns(y.as_array()))
         })
@@ -219,14 +228,16 @@ impl Simulator for Stepping {
 
     fn start(&mut self, parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
         unless_ended(&self.shelf, |py| {
-            motions(&self.object.bind(py).call_method1("start", (parameters.to_pyarray(py),))?)
+            let given = (parameters.to_pyarray(py),);
+            motions(&self.patience.over(py, || self.object.bind(py).call_method1("start", given))?)
         })
     }
 
     fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], at: &mut [Motion]) -> Result<(), SimulatorError> {
-        let Self { description, step, moved, .. } = self;
+        let Self { description, step, moved, patience, .. } = self;
         unless_ended(&self.shelf, |py| {
-            let found = step.bind(py).call1((u.to_pyarray(py), forces.to_pyarray(py)))?;
+            let given = (u.to_pyarray(py), forces.to_pyarray(py));
+            let found = patience.over(py, || step.bind(py).call1(given))?;
             let name = &description.name;
             if at.is_empty() {
                 return copy(&found, y, name, "outputs");

@@ -240,6 +240,49 @@ def test_a_wrong_answer_of_the_simulator_is_named():
         gap.diagnose(measured(stage), simulator=lambda u: stage(u) * np.nan, rate=RATE, progress=False)
 
 
+@pytest.mark.parametrize("stepping", [False, True])
+def test_a_call_that_hangs_is_ended(stepping):
+    class Hanging:
+        def start(self):
+            self.steps = 0
+
+        def step(self, u, forces):
+            self.steps += 1
+            while self.steps > 50:
+                pass
+            return (0.0,)
+
+    def hanging(u):
+        while True:
+            pass
+
+    simulator = gap.Simulator(
+        Hanging() if stepping else hanging, rate=RATE, inputs=["force"], outputs=["x"], name="stage", patience=0.3
+    )
+    began = time.monotonic()
+    with pytest.raises(RuntimeError, match="stage has not returned within 0.3 s") as caught:
+        gap.diagnose(measured(stage), simulator=simulator, rate=RATE, progress=False)
+    assert isinstance(caught.value.__cause__, TimeoutError)
+    assert time.monotonic() - began < 10
+    # The exception has reached the call and nothing else.
+    assert sum(range(100_000)) == 4_999_950_000
+
+
+def test_a_slow_call_within_its_patience_is_no_fault():
+    def slow(u):
+        until = time.monotonic() + 0.05
+        while time.monotonic() < until:
+            pass
+        return stage(u)
+
+    simulator = gap.Simulator(slow, rate=RATE, inputs=["force"], outputs=["x"], patience=1.0)
+    u = measured(stage)[0][0]
+    first = simulator.run(np.zeros(0), u)
+    assert np.array_equal(first[:, 0], np.ravel(stage(u)))
+    diagnosis = gap.diagnose(measured(stage), simulator=simulator, rate=RATE, progress=False)
+    assert diagnosis.verdict == "none"
+
+
 def test_records_that_do_not_fit_are_named():
     u, y = measured(stage)[0]
     simulator = gap.Simulator(stage, rate=RATE, inputs=["force"], outputs=["x"])
