@@ -123,6 +123,10 @@ fn limits(explained: &Explained) -> Vec<String> {
             Refusal::FitsNoise => {
                 format!("{effects} was rejected as overfitting: it does not explain the records that were held out.")
             }
+            Refusal::Overfits => format!(
+                "{effects} fitted best, but predicts the held-out records worse than the simulation without effects, \
+                so the next explanation that predicts them better was chosen."
+            ),
             Refusal::BesideNoise => format!(
                 "In addition to the noise-like effects, {effects} fitted best, but most of the remaining gap is left, \
                 so it is not named."
@@ -169,7 +173,9 @@ fn nearest_other(explained: &Explained) -> Option<String> {
     let found = &explained.found;
     let best = &found.best;
     // An explanation that replaced a refused one was fitted again, and the others were not.
-    if best.effects.is_empty() || explained.refused.iter().any(|(_, why)| matches!(why, Refusal::Diverges(_))) {
+    if best.effects.is_empty()
+        || explained.refused.iter().any(|(_, why)| matches!(why, Refusal::Diverges(_) | Refusal::Overfits))
+    {
         return None;
     }
     let within_best = |effects: &[Placed]| effects.iter().all(|a| best.effects.iter().any(|b| same(a, b)));

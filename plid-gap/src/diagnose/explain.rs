@@ -6,10 +6,9 @@ use std::cell::OnceCell;
 use crate::case::record::Channels;
 use crate::effects::{Library, Observation};
 use crate::fit::free_run::{errors, outputs};
-use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
-use crate::fit::refit::{Refit, STEPS, clipped, refit};
-use crate::judge::explained::Explained;
-use crate::judge::gap;
+use crate::fit::problem::{Fit, Problem, sum_of_squares};
+use crate::fit::refit::{Refit, STEPS, refit};
+use crate::judge::explained::{Explained, left};
 use crate::judge::offsets::offsets;
 use crate::judge::predictability::Unpredicted;
 use crate::judge::verdict::{Adequacy, FitFigures, adequacy, least_unknown, outside};
@@ -41,7 +40,7 @@ pub fn explain<'a>(
     let settings = ready.problem.settings.search.clone();
     let scope = Scope { library, rules, settings, names, off: ready.off.clone(), bold: false, imperfect: false };
     let first = passes(ready, refitted, &scope, stage, say);
-    elsewhere(first, &scope, say).refuse_divergence().refuse_fits_to_noise()
+    elsewhere(first, &scope, say).refuse_divergence().refuse_fits_to_noise().refuse_overfit()
 }
 
 /// Searches again with locations on single modes if the first search does not suffice, and returns the second result if
@@ -376,26 +375,12 @@ fn admit_error<'a>(explained: &mut Explained<'a>, scope: &Scope<'_, 'a>) -> Opti
     Some((said, before))
 }
 
-/// Returns the amplitude that a fit leaves of the fitted records beyond the noise, over that of the simulation within
-/// its limits. `noise` is the RMS of each output's noise.
-fn left(ready: &Prepared, refitted: &Refit, fit: &Fit, noise: &[f64]) -> f64 {
-    let problem = &ready.problem;
-    let within = clipped(problem, &refitted.eta).unwrap_or_else(|| refitted.eta.clone());
-    let beyond = |eta: &[f64], effects: &[Placed]| {
-        let driven = problem.records.iter().filter(|record| record.is_driven());
-        let measured: Vec<&[Vec<f64>]> = driven.map(|record| record.y.as_slice()).collect();
-        let floor = gap::floor_over(noise, &measured);
-        let gap = gap::of_driven(&problem.records, &outputs(problem, eta, effects));
-        (gap * gap - floor * floor).max(0.0).sqrt()
-    };
-    beyond(&fit.eta, &fit.effects) / beyond(&within, &[]).max(f64::MIN_POSITIVE)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::effects::Place;
-    use crate::fit::candidate::Candidate;
+    use crate::fit::candidate::{Candidate, all_same};
+    use crate::fit::problem::Placed;
     use crate::judge::explained::Refusal;
     use crate::prepare::{Known, prepare};
     use crate::testing;
@@ -449,5 +434,42 @@ mod tests {
         alone.found.candidates.truncate(1);
         let alone = alone.refuse_divergence();
         assert!(alone.found.best.effects.is_empty() && !alone.refused.is_empty());
+    }
+
+    /// If the first explanation predicts held-out records worse than no effect, the next one that predicts them better
+    /// takes its place. If there is none, the first one stands.
+    #[test]
+    fn what_held_out_records_refute_is_replaced() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        let size = crate::case::record::rms(case.records[1].y[0].iter());
+        case.records.iter_mut().flat_map(|record| &mut record.y[0]).for_each(|y| *y += 0.2 * size);
+        let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        ready.widen(1.0);
+        assert!(!ready.held_out.is_empty());
+        let refitted = refit(&ready.problem, STEPS);
+        let library = Library::standard();
+        let rules = Rules { suspects: &[], exclude: &[], without: &[] };
+        let (names, settings) = (ready.problem.setting.names.clone(), ready.problem.settings.search.clone());
+        let scope =
+            Scope { library: &library, rules: &rules, settings, names, off: Vec::new(), bold: false, imperfect: true };
+        let found = passes(ready, refitted, &scope, &OnceCell::new(), &mut |_| {});
+        assert_eq!(found.fit().effects[0].effect.name(), "sensor-offset");
+        let right = found.found.best.effects.clone();
+        let mut found = found.refuse_overfit();
+        assert!(found.refused.is_empty() && all_same(&found.found.best.effects, &right));
+        let effect = library.effects().find(|effect| effect.name() == "sensor-gain").unwrap();
+        let wrong = vec![Placed { effect, place: Place::Output(0), parameters: vec![1.5] }];
+        found.found.best = Fit { effects: wrong.clone(), ..found.refitted.as_fit() };
+        found.offsets.clear();
+        found.found.candidates.retain(|candidate| all_same(&candidate.effects, &right));
+        assert!(!found.found.candidates.is_empty());
+        let mut found = found.refuse_overfit();
+        assert!(all_same(&found.found.best.effects, &right));
+        assert!(all_same(&found.refused[0].0, &wrong) && found.refused[0].1 == Refusal::Overfits);
+        found.found.best = Fit { effects: wrong.clone(), ..found.refitted.as_fit() };
+        found.found.candidates.clear();
+        let alone = found.refuse_overfit();
+        assert!(all_same(&alone.found.best.effects, &wrong) && alone.refused.len() == 1);
     }
 }

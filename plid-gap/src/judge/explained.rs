@@ -2,12 +2,13 @@
 
 use crate::case::record::Record;
 use crate::fit::candidate::{Candidate, all_same};
-use crate::fit::free_run::run;
+use crate::fit::free_run::{outputs, run};
 use crate::fit::problem::{Fit, Placed, Problem};
-use crate::fit::refit::Refit;
+use crate::fit::refit::{Refit, clipped};
+use crate::judge::gap;
 use crate::judge::predictability::Unpredicted;
 use crate::judge::shrink::{blocks, opened};
-use crate::judge::verdict::Adequacy;
+use crate::judge::verdict::{Adequacy, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::shape::FreeShapeFit;
 use crate::search::stage::polish;
@@ -49,6 +50,8 @@ pub enum Refusal {
     FitsNoise,
     /// It leaves most of what stochastic effects do not account for.
     BesideNoise,
+    /// It predicts the held-out records worse than the simulation without effects.
+    Overfits,
 }
 
 impl<'a> Explained<'a> {
@@ -134,6 +137,49 @@ impl<'a> Explained<'a> {
         self
     }
 
+    /// Replaces the explanation of an imperfect simulation, if it predicts the held-out records worse than no effect, by
+    /// the next one that predicts them better. There may be none; the explanation then stands, and is not written into
+    /// the simulation.
+    pub(crate) fn refuse_overfit(mut self) -> Self {
+        if self.ready.widened.is_none() || self.ready.held_out.is_empty() || self.unpredicted.is_some() {
+            return self;
+        }
+        let Some(next) = self.predictive() else { return self };
+        let left = left(&self.ready, &self.refitted, &next, &self.ready.noise.rms());
+        self.judged.left = left * left;
+        self.judged.unknown = outside(left, &self.ready.problem.settings.judge);
+        self.free_shape = None;
+        self.offsets.clear();
+        let refused = std::mem::replace(&mut self.found.best, next).effects;
+        self.found.candidates.retain(|candidate| !all_same(&candidate.effects, &refused));
+        self.refused.push((refused, Refusal::Overfits));
+        self
+    }
+
+    /// Returns the first of the further explanations that predicts the held-out records better than no effect, if the
+    /// best one does not.
+    fn predictive(&self) -> Option<Fit<'a>> {
+        let problem = &self.ready.problem;
+        let JudgeSettings { no_worse, most_refused, .. } = problem.settings.judge;
+        let opened = opened(self);
+        let gap = |eta: &[f64], effects: &[Placed]| {
+            blocks(&opened, &problem.nuisance.apply(&problem.plant, eta), &problem.actions(effects)).gap()
+        };
+        let given = vec![0.0; problem.nuisance.len()];
+        let without = gap(&given, &[]).min(gap(&self.refitted.eta, &[]));
+        let predicts = |fit: &Fit| gap(&fit.eta, &fit.effects) <= no_worse * without;
+        let best = self.predicting();
+        if best.effects.is_empty() || predicts(&best) {
+            return None;
+        }
+        let further = self.found.candidates.iter().filter(|candidate| {
+            let other = !candidate.effects.is_empty() && !all_same(&candidate.effects, &self.found.best.effects);
+            other && candidate.priced < self.refitted.cost
+        });
+        let fitted = |c: &Candidate<'a>| polish(problem, Fit { effects: c.effects.clone(), ..self.refitted.as_fit() });
+        further.take(most_refused).map(fitted).find(predicts)
+    }
+
     /// Replaces the explanation, and all that rank before no effect, by the refit.
     pub(super) fn retreat(&mut self, why: Refusal) {
         let without = self.refitted.as_fit();
@@ -147,4 +193,19 @@ impl<'a> Explained<'a> {
     pub(crate) fn price(&self) -> f64 {
         self.found.candidates.first().map_or(f64::INFINITY, |candidate| candidate.priced)
     }
+}
+
+/// Returns the amplitude that a fit leaves of the fitted records beyond the noise, over that of the simulation within
+/// its limits. `noise` is the RMS of each output's noise.
+pub(crate) fn left(ready: &Prepared, refitted: &Refit, fit: &Fit, noise: &[f64]) -> f64 {
+    let problem = &ready.problem;
+    let within = clipped(problem, &refitted.eta).unwrap_or_else(|| refitted.eta.clone());
+    let beyond = |eta: &[f64], effects: &[Placed]| {
+        let driven = problem.records.iter().filter(|record| record.is_driven());
+        let measured: Vec<&[Vec<f64>]> = driven.map(|record| record.y.as_slice()).collect();
+        let floor = gap::floor_over(noise, &measured);
+        let gap = gap::of_driven(&problem.records, &outputs(problem, eta, effects));
+        (gap * gap - floor * floor).max(0.0).sqrt()
+    };
+    beyond(&fit.eta, &fit.effects) / beyond(&within, &[]).max(f64::MIN_POSITIVE)
 }

@@ -98,7 +98,8 @@ group! {
         /// The effects are written into the simulation if the held-out gap with them is at most this multiple of the
         /// gap without them.
         no_worse: f64 = 1.001, "1", 1.0..=10.0;
-        /// Largest number of diverging explanations that are replaced by the next one; after that the refit is used.
+        /// Largest number of explanations that are tried in place of one that diverges or predicts the held-out records
+        /// worse than no effect; after that the refit is used.
         most_refused: usize = 5, "explanations", 1.0..=100.0;
         /// Explanations for which the next experiment is chosen, in addition to those that the records cannot separate.
         experiment_rivals: usize = 3, "explanations", 0.0..=100.0;
