@@ -62,7 +62,8 @@ pub fn unless_ended<T>(shelf: &Shelf, work: impl FnOnce(Python<'_>) -> PyResult<
 }
 
 /// Returns the simulator of an object of `plid._simulator`, and the store of its exceptions. The object holds an FMU as
-/// `native`, and the `step` method of the user's own object as `own_step`; `patience` is the longest time of a call, in s.
+/// `native`, and the `step` method of the user's own object as `own_step`; `patience` is the longest time of a call, in
+/// s.
 pub fn of_object(
     py: Python<'_>,
     description: Description,

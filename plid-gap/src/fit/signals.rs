@@ -1,5 +1,5 @@
-//! Signals that follow from a record's inputs, computed one block of samples at a time. All signals of all samples would
-//! take tens of times the memory of the record, and would be read from memory where a block stays in the cache.
+//! Signals that follow from a record's inputs, computed one block of samples at a time. All signals of all samples
+//! would take tens of times the memory of the record, and would be read from memory where a block stays in the cache.
 
 use std::ops::Range;
 
@@ -61,8 +61,8 @@ pub struct Recurrence {
 /// Complex numbers in lanes: the real parts, then the imaginary parts.
 type Complex = [Quad; 2];
 
-/// Up to four poles. The signals of a pole are its state under each input alone, through a shape of one, and where it is
-/// a mode's, the derivative by the pole of the state under all inputs, through the mode's shape. All are complex.
+/// Up to four poles. The signals of a pole are its state under each input alone, through a shape of one, and for a mode
+/// also the derivative by the pole of the state under all inputs, through the mode's shape. All are complex.
 #[derive(Clone)]
 struct Poles {
     lanes: usize,

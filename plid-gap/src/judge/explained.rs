@@ -137,9 +137,9 @@ impl<'a> Explained<'a> {
         self
     }
 
-    /// Replaces the explanation of an imperfect simulation, if it predicts the held-out records worse than no effect, by
-    /// the next one that predicts them better. There may be none; the explanation then stands, and is not written into
-    /// the simulation.
+    /// Replaces the explanation of an imperfect simulation, if it predicts the held-out records worse than no effect,
+    /// by the next one that predicts them better. There may be none; the explanation then stands, and is not written
+    /// into the simulation.
     pub(crate) fn refuse_overfit(mut self) -> Self {
         if self.ready.widened.is_none() || self.ready.held_out.is_empty() || self.unpredicted.is_some() {
             return self;
