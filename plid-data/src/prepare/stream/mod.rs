@@ -18,15 +18,14 @@ use ndarray::{Array2, ArrayView2, Axis, concatenate, s};
 use parts::Conversion;
 use source::{Raw, RawBlocks};
 use std::collections::BTreeMap;
+use std::ops::Range;
 use survey::{Rate, Survey};
 
-/// A prepared record in a file, and its window.
+/// A prepared record in a file.
 #[derive(Debug)]
 pub struct Streamed {
-    /// The window, prepared with the means and divisors of the whole training part.
-    pub window: Prepared,
-    /// The first sample of the window in the prepared record.
-    pub first: usize,
+    /// The samples of the prepared record that are in its window.
+    pub window: Range<usize>,
     /// Number of samples of the prepared record.
     pub samples: usize,
     /// Number of its samples for training.
@@ -49,14 +48,19 @@ impl Streamed {
     pub fn parts(&self, from: usize) -> Result<Parts<'_>, DataError> {
         Parts::open(&self.source, self.conversion.clone(), from)
     }
+
+    /// Returns the divisors of the outputs (p).
+    pub fn output_scales(&self) -> &[f64] {
+        &self.conversion.scales[1]
+    }
 }
 
 /// Receives the name of a pass, and the numbers of samples done and in total; the total is 0 while it is not known.
 pub type Tell<'a> = &'a mut dyn FnMut(&'static str, usize, usize);
 
 /// Prepares a record as [`super::prepare`] does, with its leading share `training_share` for training. At most `window`
-/// samples before and after the end of the training part are held in memory; these decide whether the input is
-/// advanced, and the bands.
+/// samples before and after the end of the training part are held in memory: they are the first result, prepared with
+/// the means and divisors of the whole training part. They decide whether the input is advanced, and the bands.
 ///
 /// # Errors
 /// Returns the errors of [`super::prepare`] and of [`crate::select`], and [`PrepareError::NotInBlocks`] for a step that
@@ -67,7 +71,7 @@ pub fn prepare(
     preparation: &Preparation,
     window: usize,
     tell: Tell<'_>,
-) -> Result<Streamed, PrepareError> {
+) -> Result<(Prepared, Streamed), PrepareError> {
     if let Some(step) = preparation.not_in_blocks() {
         return Err(PrepareError::NotInBlocks { step });
     }
@@ -102,9 +106,8 @@ pub fn prepare(
     let rest = Preparation { trend: Trend::None, ..preparation.clone() };
     let window = last_steps((vec![kept], vec![training]), &rest, before, remove, scale)?;
     let advanced = window.advanced;
-    Ok(Streamed {
-        window,
-        first: held.start,
+    let streamed = Streamed {
+        window: held.start..held.start + window.records[0].samples(),
         samples: survey.samples - advanced,
         training: cut.saturating_sub(advanced),
         has_missing: survey.has_missing,
@@ -112,7 +115,8 @@ pub fn prepare(
         channel_rms: survey.channel_rms,
         source,
         conversion,
-    })
+    };
+    Ok((window, streamed))
 }
 
 /// The second pass over a file.
@@ -122,7 +126,7 @@ struct Second<'a> {
     /// End of the training part.
     cut: usize,
     /// The samples that are kept.
-    held: std::ops::Range<usize>,
+    held: Range<usize>,
 }
 
 impl Second<'_> {

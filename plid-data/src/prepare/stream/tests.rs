@@ -59,17 +59,16 @@ fn a_streamed_record_is_the_one_that_is_prepared_in_memory_to_the_bit() {
             select(&table, &source.inputs, &source.outputs, source.rate_hz, source.missing).unwrap();
         let whole = in_memory(vec![record], &[0.6], &how).unwrap();
         for window in [100_000, 1000] {
-            let streamed = prepare(source.clone(), 0.6, &how, window, &mut |_, _, _| ()).unwrap();
+            let (prepared, streamed) = prepare(source.clone(), 0.6, &how, window, &mut |_, _, _| ()).unwrap();
             assert_eq!(streamed.warnings, warnings);
             assert_eq!(streamed.has_missing, missing);
-            let prepared = &streamed.window;
             assert_eq!(prepared.advanced, usize::from(advance != Advance::No));
             assert_eq!(prepared.lines, whole.lines);
             assert_eq!(prepared.steps, whole.steps);
             assert_eq!([&prepared.input_scales, &prepared.output_scales], [&whole.input_scales, &whole.output_scales]);
             assert_eq!((streamed.samples, streamed.training), (whole.records[0].samples(), whole.training[0]));
-            assert_eq!(streamed.first + prepared.training[0], whole.training[0]);
-            let rows = s![streamed.first..streamed.first + prepared.records[0].samples(), ..];
+            assert_eq!(streamed.window.start + prepared.training[0], whole.training[0]);
+            let rows = s![streamed.window.clone(), ..];
             assert!(same(&prepared.records[0].outputs, &whole.records[0].outputs.slice(rows).to_owned()));
             assert!(same(&prepared.records[0].inputs, &whole.records[0].inputs.slice(rows).to_owned()));
             let mut at = 12_345;
@@ -129,7 +128,7 @@ fn the_rate_comes_from_times_and_a_lost_sample_is_found() {
         std::fs::write(&path, format!("time,u,y\n{}\n", rows.join("\n"))).unwrap();
         prepare(source.clone(), 0.5, &Preparation::default(), 1000, &mut |_, _, _| ())
     };
-    assert_eq!(go(&rows).unwrap().window.records[0].sample_rate_hz, 1600.0);
+    assert_eq!(go(&rows).unwrap().0.records[0].sample_rate_hz, 1600.0);
     rows.remove(10_000);
     let said = go(&rows).unwrap_err().to_string();
     assert!(said.contains("line 10002:"), "{said}");
