@@ -47,7 +47,14 @@ pub(super) struct Content {
 pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
     let failed = |source| DataError::Io { file: path.into(), source };
     let mut file = BufReader::new(File::open(path).map_err(failed)?);
-    let length = file.get_ref().metadata().map_err(failed)?.len();
+    let metadata = file.get_ref().metadata().map_err(failed)?;
+    if !metadata.is_file() {
+        // A pipe does not know its length.
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).map_err(failed)?;
+        return read_bytes(path, &bytes, variable);
+    }
+    let length = metadata.len();
     let format = Format::of(path, file.fill_buf().map_err(failed)?);
     read_from(path, file, length, format, variable)
 }
