@@ -27,7 +27,8 @@ use super::{Failure, Voice};
         "Examples:\n",
         "  plid identify record.csv --inputs force --outputs left,right --states 8 --out out/record\n",
         "  plid identify flexible.mat --inputs 1-2 --outputs 3-5 --states 48 --rate 100 --out out/flexible\n",
-        "  plid identify record.csv --inputs u --outputs y --scan 2,4,8,12 --out out/scan",
+        "  plid identify record.csv --inputs u --outputs y --scan 2,4,8,12 --out out/scan\n",
+        "  plid identify long.npy --inputs 1-2 --outputs 3-4 --states 8 --rate 100 --stream --out out/long",
     )
 )]
 pub struct Arguments {
@@ -65,6 +66,12 @@ pub struct Arguments {
     /// Variable of a .mat or .npz file that holds the record.
     #[arg(long, value_name = "NAME")]
     variable: Option<String>,
+    /// Read the one file, text or .npy, block by block instead of holding it in memory.
+    #[arg(long)]
+    stream: bool,
+    /// Samples before and after the end of the training part that --stream holds in memory [default: 100000].
+    #[arg(long, value_name = "SAMPLES", requires = "stream")]
+    window: Option<usize>,
     /// Covariance form: direct, joseph, bierman-ud or array-sqrt [default: recommended for size, scalar and length].
     #[arg(long, value_parser = parse::<CovarianceName>)]
     covariance: Option<CovarianceName>,
@@ -209,6 +216,8 @@ impl Arguments {
             outputs: columns(&self.outputs)?,
             sample_rate_hz: self.rate,
             missing: if self.missing == "nan" { MissingPolicy::Nan } else { MissingPolicy::Error },
+            stream: self.stream,
+            window: self.window,
             variable: self.variable.clone(),
             ..DataConfig::default()
         })

@@ -112,6 +112,10 @@ fn summary(outcome: &Outcome, out: &Path) -> String {
             row(name, percent(one_step), percent(Some(model.free_run_errors.overall_relative)));
         }
     }
+    if let Some(streamed) = &outcome.streamed {
+        let one_step = streamed.one_step.as_ref().map(|e| e.overall_relative);
+        row("whole tail", percent(one_step), percent(Some(streamed.free_run.overall_relative)));
+    }
     if let Some(truth) = &validation.truth_errors {
         row("true plant", String::new(), percent(Some(truth.overall_relative)));
     }

@@ -55,23 +55,30 @@ impl Storage {
 
     /// All numbers in `data`; integers above 2^53 are rounded.
     pub fn numbers(self, data: &[u8], big: bool) -> Result<Vec<f64>, String> {
+        let mut all = Vec::with_capacity(data.len() / self.width());
+        self.append(data, big, &mut all)?;
+        Ok(all)
+    }
+
+    /// Appends all numbers in `data` to `to`.
+    pub fn append(self, data: &[u8], big: bool, to: &mut Vec<f64>) -> Result<(), String> {
         match self {
-            Self::I8 => each(data, big, |x| f64::from(i8::from_le_bytes(x))),
-            Self::U8 => each(data, big, |x| f64::from(u8::from_le_bytes(x))),
-            Self::I16 => each(data, big, |x| f64::from(i16::from_le_bytes(x))),
-            Self::U16 => each(data, big, |x| f64::from(u16::from_le_bytes(x))),
-            Self::I32 => each(data, big, |x| f64::from(i32::from_le_bytes(x))),
-            Self::U32 => each(data, big, |x| f64::from(u32::from_le_bytes(x))),
-            Self::I64 => each(data, big, |x| i64::from_le_bytes(x) as f64),
-            Self::U64 => each(data, big, |x| u64::from_le_bytes(x) as f64),
-            Self::F32 => each(data, big, |x| f64::from(f32::from_le_bytes(x))),
-            Self::F64 => each(data, big, f64::from_le_bytes),
+            Self::I8 => each(data, big, to, |x| f64::from(i8::from_le_bytes(x))),
+            Self::U8 => each(data, big, to, |x| f64::from(u8::from_le_bytes(x))),
+            Self::I16 => each(data, big, to, |x| f64::from(i16::from_le_bytes(x))),
+            Self::U16 => each(data, big, to, |x| f64::from(u16::from_le_bytes(x))),
+            Self::I32 => each(data, big, to, |x| f64::from(i32::from_le_bytes(x))),
+            Self::U32 => each(data, big, to, |x| f64::from(u32::from_le_bytes(x))),
+            Self::I64 => each(data, big, to, |x| i64::from_le_bytes(x) as f64),
+            Self::U64 => each(data, big, to, |x| u64::from_le_bytes(x) as f64),
+            Self::F32 => each(data, big, to, |x| f64::from(f32::from_le_bytes(x))),
+            Self::F64 => each(data, big, to, f64::from_le_bytes),
         }
     }
 }
 
-/// Every N bytes as a number, given in little-endian order.
-fn each<const N: usize>(data: &[u8], big: bool, number: fn([u8; N]) -> f64) -> Result<Vec<f64>, String> {
+/// Appends every N bytes as a number, given in little-endian order.
+fn each<const N: usize>(data: &[u8], big: bool, to: &mut Vec<f64>, number: fn([u8; N]) -> f64) -> Result<(), String> {
     let (whole, rest) = data.as_chunks::<N>();
     if !rest.is_empty() {
         return Err(format!("{} bytes are not a multiple of {N} bytes", data.len()));
@@ -82,5 +89,6 @@ fn each<const N: usize>(data: &[u8], big: bool, number: fn([u8; N]) -> f64) -> R
         }
         number(bytes)
     };
-    Ok(whole.iter().copied().map(ordered).collect())
+    to.extend(whole.iter().copied().map(ordered));
+    Ok(())
 }

@@ -14,10 +14,19 @@ pub fn check_excited(file: &Path, record: &Record) -> Result<Vec<Warning>, DataE
     };
     let inputs = constant(&record.inputs, &record.input_names);
     let outputs = constant(&record.outputs, &record.output_names);
-    if inputs.len() == record.input_names.len() {
+    judge_constant(file, [inputs, outputs], [record.input_names.len(), record.output_names.len()])
+}
+
+/// Judges the inputs and outputs that are constant, given the numbers of all; errors as [`check_excited`].
+pub(super) fn judge_constant(
+    file: &Path,
+    [inputs, outputs]: [Vec<String>; 2],
+    [m, p]: [usize; 2],
+) -> Result<Vec<Warning>, DataError> {
+    if inputs.len() == m {
         return Err(DataError::NoExcitation { file: file.into(), channels: inputs });
     }
-    if outputs.len() == record.output_names.len() {
+    if outputs.len() == p {
         return Err(DataError::NoResponse { file: file.into(), channels: outputs });
     }
     let inputs = inputs.into_iter().map(|channel| Warning::ConstantInput { channel });

@@ -4,9 +4,14 @@
 //! comments, and because blanks in runs are one separator.
 use super::DataError;
 use super::table::Content;
-use ndarray::Array2;
-use std::collections::BTreeMap;
-use std::path::Path;
+use ndarray::{Array2, Axis};
+use std::borrow::Cow;
+use std::collections::VecDeque;
+use std::io::BufRead;
+use std::path::{Path, PathBuf};
+
+/// Rows that are read before the first one is returned, to see which columns are scalars.
+const AHEAD: usize = 1000;
 
 /// The separator between two cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,55 +21,209 @@ enum Separator {
 }
 
 /// A line that is neither blank nor a comment, with its number in the file.
-struct Line<'a> {
+struct Line {
     number: usize,
-    text: &'a str,
+    text: String,
 }
 
-/// Reads delimited text.
-pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
-    if bytes.contains(&0) {
-        return Err(DataError::Malformed {
-            file: path.into(),
-            what: "neither text nor a format known here (.csv, .mat v4 or v5, .npz, .npy)".into(),
-        });
+/// The lines of a text that are neither blank nor comments.
+struct Lines<R> {
+    file: PathBuf,
+    text: R,
+    /// Number of the last line.
+    number: usize,
+    bytes: Vec<u8>,
+}
+
+impl<R: BufRead> Lines<R> {
+    fn next(&mut self) -> Result<Option<Line>, DataError> {
+        loop {
+            self.bytes.clear();
+            let read = self.text.read_until(b'\n', &mut self.bytes);
+            if read.map_err(|source| DataError::Io { file: self.file.clone(), source })? == 0 {
+                return Ok(None);
+            }
+            self.number += 1;
+            if self.bytes.contains(&0) {
+                return Err(DataError::Malformed {
+                    file: self.file.clone(),
+                    what: "neither text nor a format known here (.csv, .mat v4 or v5, .npz, .npy)".into(),
+                });
+            }
+            let text = decode(&self.bytes);
+            let text = if self.number == 1 { text.trim_start_matches('\u{feff}') } else { &text };
+            let bare = text.trim();
+            if !bare.is_empty() && !is_comment(bare) {
+                return Ok(Some(Line { number: self.number, text: text.trim_end_matches(['\r', '\n']).to_owned() }));
+            }
+        }
     }
-    // Old instruments write Latin-1, where every byte is a character.
-    let text = match std::str::from_utf8(bytes) {
-        Ok(text) => text.trim_start_matches('\u{feff}').to_owned(),
+}
+
+/// Old instruments write Latin-1, where every byte is a character.
+fn decode(bytes: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => Cow::Borrowed(text),
         Err(_) => bytes.iter().map(|&byte| byte as char).collect(),
-    };
-    let lines: Vec<Line> = text
-        .lines()
-        .enumerate()
-        .map(|(k, text)| Line { number: k + 1, text })
-        .filter(|line| {
-            let text = line.text.trim();
-            !text.is_empty() && !is_comment(text)
-        })
-        .collect();
-    let Some(first) = lines.first() else {
-        return Err(DataError::Empty { file: path.into() });
-    };
-    let separator = separator_of(first.text);
-    let decimal_comma = separator != Separator::Mark(',');
-    let mut first_cells = split(first.text, separator);
-    drop_trailing_empty(&mut first_cells);
-    let has_header = is_header(&lines, separator, decimal_comma);
-    let names: Vec<String> = first_cells
-        .iter()
-        .enumerate()
-        .map(|(i, cell)| if has_header && !cell.is_empty() { cell.clone() } else { (i + 1).to_string() })
-        .collect();
-    let rows = &lines[usize::from(has_header)..];
-    if rows.is_empty() {
+    }
+}
+
+/// The rows of a text, one after the other: all rows are never held at once.
+pub(super) struct Rows<R> {
+    lines: Lines<R>,
+    separator: Separator,
+    /// Names of all columns, scalars among them.
+    names: Vec<String>,
+    /// Rows that are read already.
+    ahead: VecDeque<Line>,
+    /// The line and the width of the second row if it and the third lack the same last cells.
+    short: Option<(usize, usize)>,
+    /// Number of rows returned.
+    returned: usize,
+}
+
+impl<R: BufRead> Rows<R> {
+    /// Reads the header, if there is one, and the first rows.
+    pub fn open(file: &Path, text: R) -> Result<Self, DataError> {
+        let mut lines = Lines { file: file.into(), text, number: 0, bytes: Vec::new() };
+        let mut ahead = VecDeque::new();
+        while ahead.len() <= AHEAD
+            && let Some(line) = lines.next()?
+        {
+            ahead.push_back(line);
+        }
+        let Some(first) = ahead.front() else {
+            return Err(DataError::Empty { file: file.into() });
+        };
+        let separator = separator_of(&first.text);
+        let mut first_cells = split(&first.text, separator);
+        drop_trailing_empty(&mut first_cells);
+        let has_header = is_header(&first.text, ahead.get(1), separator);
+        let name = |(i, cell): (usize, &Cow<'_, str>)| {
+            if has_header && !cell.is_empty() { cell.to_string() } else { (i + 1).to_string() }
+        };
+        let names: Vec<String> = first_cells.iter().enumerate().map(name).collect();
+        if has_header {
+            ahead.pop_front();
+        }
+        if ahead.is_empty() {
+            return Err(DataError::NoSamples { file: file.into() });
+        }
+        let mut rows = Self { lines, separator, names, ahead, short: None, returned: 0 };
+        rows.short = rows.short_rows();
+        Ok(rows)
+    }
+
+    /// The names of all columns, scalars among them.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// The second row, if it lacks the same last cells as the third: those columns then have a value in their first row
+    /// only.
+    fn short_rows(&self) -> Option<(usize, usize)> {
+        let width = |row: usize| self.ahead.get(row).map(|line| self.cells(line).len());
+        let (first, second, third) = (width(0)?, width(1)?, width(2)?);
+        let is_short = first == self.names.len() && second < first && third == second;
+        is_short.then(|| (self.ahead[1].number, second))
+    }
+
+    /// Columns with a value in the first row and in no other row that is read already, and these values.
+    pub fn scalars(&self) -> Result<Vec<Option<f64>>, DataError> {
+        let mut found = vec![None; self.names.len()];
+        let mut cells = Vec::new();
+        for (k, line) in self.ahead.iter().enumerate() {
+            self.parse(line, &mut cells)?;
+            for (i, found) in found.iter_mut().enumerate() {
+                let cell = cells.get(i).copied().flatten();
+                if k == 0 {
+                    *found = cell.filter(|_| self.ahead.len() > 1);
+                } else if cell.is_some() {
+                    *found = None;
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// Reads the next row into `cells`, `None` where a cell is empty, and returns its line; `None` after the last row.
+    pub fn next(&mut self, cells: &mut Vec<Option<f64>>) -> Result<Option<usize>, DataError> {
+        let line = match self.ahead.pop_front() {
+            Some(line) => line,
+            None => match self.lines.next()? {
+                Some(line) => line,
+                None => return Ok(None),
+            },
+        };
+        self.parse(&line, cells)?;
+        let ragged = |line, found| {
+            Err(DataError::Ragged { file: self.lines.file.clone(), line, expected: self.names.len(), found })
+        };
+        match self.short {
+            Some((second, width)) if self.returned > 0 && cells.len() != width => return ragged(second, width),
+            None if cells.len() != self.names.len() => return ragged(line.number, cells.len()),
+            _ => {}
+        }
+        self.returned += 1;
+        Ok(Some(line.number))
+    }
+
+    /// The cells of a line as words.
+    fn cells<'a>(&self, line: &'a Line) -> Vec<Cow<'a, str>> {
+        let mut cells = split(&line.text, self.separator);
+        if cells.len() == self.names.len() + 1 {
+            drop_trailing_empty(&mut cells);
+        }
+        cells
+    }
+
+    /// Parses the cells of a line: `None` where a cell is empty.
+    fn parse(&self, line: &Line, row: &mut Vec<Option<f64>>) -> Result<(), DataError> {
+        row.clear();
+        for (i, cell) in self.cells(line).iter().enumerate() {
+            let Some(value) = number(cell, self.separator != Separator::Mark(',')) else {
+                return Err(DataError::NotANumber {
+                    file: self.lines.file.clone(),
+                    line: line.number,
+                    column: self.names.get(i).cloned().unwrap_or_else(|| (i + 1).to_string()),
+                    cell: cell.chars().take(40).collect(),
+                });
+            };
+            row.push(if cell.is_empty() { None } else { Some(value) });
+        }
+        Ok(())
+    }
+}
+
+/// Reads a whole text.
+pub(super) fn read(path: &Path, text: impl BufRead) -> Result<Content, DataError> {
+    let mut rows = Rows::open(path, text)?;
+    let width = rows.names.len();
+    // The value of a column that has one in its first row only.
+    let mut only: Vec<Option<f64>> = vec![None; width];
+    let (mut values, mut lines, mut cells) = (Vec::new(), Vec::new(), Vec::new());
+    while let Some(line) = rows.next(&mut cells)? {
+        cells.resize(width, None);
+        for (only, cell) in only.iter_mut().zip(&cells) {
+            *only = if lines.is_empty() { *cell } else { only.filter(|_| cell.is_none()) };
+        }
+        values.extend(cells.iter().map(|cell| cell.unwrap_or(f64::NAN)));
+        lines.push(line);
+    }
+    if lines.len() == 1 {
+        only.fill(None);
+    }
+    let kept: Vec<usize> = (0..width).filter(|&i| only[i].is_none()).collect();
+    // A column may have turned out to be a scalar, and each of them may.
+    if kept.is_empty() {
         return Err(DataError::NoSamples { file: path.into() });
     }
-    let cells = rows.iter().map(|line| row(path, line, separator, &names)).collect::<Result<Vec<_>, _>>()?;
-    check_widths(path, rows, &cells, names.len())?;
-    let content = assemble(names, &cells, rows);
-    // Each column may have turned out to be a scalar.
-    if content.names.is_empty() { Err(DataError::NoSamples { file: path.into() }) } else { Ok(content) }
+    let columns = Array2::from_shape_vec((lines.len(), width), values)
+        .map_err(|error| DataError::Malformed { file: path.into(), what: error.to_string() })?;
+    let columns = if kept.len() == width { columns } else { columns.select(Axis(1), &kept) };
+    let named = |i: &usize| rows.names[*i].clone();
+    let scalars = only.iter().enumerate().filter_map(|(i, value)| Some((named(&i), (*value)?))).collect();
+    Ok(Content { names: kept.iter().map(named).collect(), columns, scalars, lines, notes: Vec::new() })
 }
 
 /// A remark begins with `#`; a row whose first cell is an error of a spreadsheet (`#N/A`, `#DIV/0!`, `#VALUE!`) does
@@ -77,11 +236,10 @@ fn is_comment(text: &str) -> bool {
 
 /// Returns whether the first line is a header. A cell that is not a number is a name. Numbers in quotes are names if
 /// those below them are not in quotes (plid writes such names itself); if every row is in quotes, they are numbers.
-fn is_header(lines: &[Line], separator: Separator, decimal_comma: bool) -> bool {
-    let first = lines[0].text;
-    let is_quoted = |line: &Line| line.text.contains('"');
+fn is_header(first: &str, second: Option<&Line>, separator: Separator) -> bool {
+    let decimal_comma = separator != Separator::Mark(',');
     split(first, separator).iter().any(|cell| number(cell, decimal_comma).is_none())
-        || (first.contains('"') && !lines.get(1).is_some_and(is_quoted))
+        || (first.contains('"') && !second.is_some_and(|line| line.text.contains('"')))
 }
 
 /// The separator of a file, from its first line outside of quotes.
@@ -110,10 +268,20 @@ fn separator_of(line: &str) -> Separator {
 }
 
 /// The cells of a line, trimmed and without quotes; a doubled quote within quotes is one.
-fn split(line: &str, separator: Separator) -> Vec<String> {
+fn split(line: &str, separator: Separator) -> Vec<Cow<'_, str>> {
+    if line.contains('"') {
+        return split_quoted(line, separator).into_iter().map(Cow::Owned).collect();
+    }
+    match separator {
+        Separator::Mark(mark) => line.split(mark).map(|cell| Cow::Borrowed(cell.trim())).collect(),
+        Separator::Blanks => line.split_whitespace().map(Cow::Borrowed).collect(),
+    }
+}
+
+fn split_quoted(line: &str, separator: Separator) -> Vec<String> {
     let mut cells = vec![String::new()];
     let mut quoted = false;
-    let mut characters = line.trim_end_matches(['\r', '\n']).chars().peekable();
+    let mut characters = line.chars().peekable();
     while let Some(c) = characters.next() {
         let separates = !quoted
             && match separator {
@@ -137,8 +305,8 @@ fn split(line: &str, separator: Separator) -> Vec<String> {
     cells.iter().map(|cell| cell.trim().to_owned()).collect()
 }
 
-fn drop_trailing_empty(cells: &mut Vec<String>) {
-    if cells.len() > 1 && cells.last().is_some_and(String::is_empty) {
+fn drop_trailing_empty(cells: &mut Vec<Cow<'_, str>>) {
+    if cells.len() > 1 && cells.last().is_some_and(|cell| cell.is_empty()) {
         cells.pop();
     }
 }
@@ -158,59 +326,6 @@ fn number(cell: &str, decimal_comma: bool) -> Option<f64> {
     let exponent = cell.find(['d', 'D'])?;
     let digits_around = cell[..exponent].ends_with(|c: char| c.is_ascii_digit() || c == '.');
     digits_around.then(|| cell.replacen(['d', 'D'], "e", 1).parse().ok()).flatten()
-}
-
-/// The cells of a row: `None` where a cell is empty.
-fn row(path: &Path, line: &Line, separator: Separator, names: &[String]) -> Result<Vec<Option<f64>>, DataError> {
-    let mut cells = split(line.text, separator);
-    if cells.len() == names.len() + 1 {
-        drop_trailing_empty(&mut cells);
-    }
-    cells
-        .iter()
-        .enumerate()
-        .map(|(i, cell)| match number(cell, separator != Separator::Mark(',')) {
-            Some(_) if cell.is_empty() => Ok(None),
-            Some(value) => Ok(Some(value)),
-            None => Err(DataError::NotANumber {
-                file: path.into(),
-                line: line.number,
-                column: names.get(i).cloned().unwrap_or_else(|| (i + 1).to_string()),
-                cell: cell.chars().take(40).collect(),
-            }),
-        })
-        .collect()
-}
-
-/// Every row is as wide as the names, or else all rows after the first lack the same last
-/// cells: those columns then have a value in their first row only.
-fn check_widths(path: &Path, lines: &[Line], rows: &[Vec<Option<f64>>], expected: usize) -> Result<(), DataError> {
-    let first_row_only = rows.len() > 2
-        && rows[0].len() == expected
-        && rows[1].len() < expected
-        && rows[2..].iter().all(|row| row.len() == rows[1].len());
-    if first_row_only {
-        return Ok(());
-    }
-    match rows.iter().position(|row| row.len() != expected) {
-        None => Ok(()),
-        Some(k) => Err(DataError::Ragged { file: path.into(), line: lines[k].number, expected, found: rows[k].len() }),
-    }
-}
-
-fn assemble(names: Vec<String>, rows: &[Vec<Option<f64>>], lines: &[Line]) -> Content {
-    let cell = |k: usize, i: usize| rows[k].get(i).copied().flatten();
-    let is_scalar = |i: usize| rows.len() > 1 && cell(0, i).is_some() && (1..rows.len()).all(|k| cell(k, i).is_none());
-    let (scalar_columns, kept): (Vec<usize>, Vec<usize>) = (0..names.len()).partition(|&i| is_scalar(i));
-    let scalars: BTreeMap<String, f64> =
-        scalar_columns.iter().filter_map(|&i| Some((names[i].clone(), cell(0, i)?))).collect();
-    Content {
-        names: kept.iter().map(|&i| names[i].clone()).collect(),
-        columns: Array2::from_shape_fn((rows.len(), kept.len()), |(k, i)| cell(k, kept[i]).unwrap_or(f64::NAN)),
-        scalars,
-        lines: lines.iter().map(|line| line.number).collect(),
-        notes: Vec::new(),
-    }
 }
 
 #[cfg(test)]
@@ -324,7 +439,7 @@ mod tests {
 
     #[test]
     fn latin_1_names_are_read() {
-        let content = read(Path::new("x"), b"a [m/s\xb2],b\n1,2\n").unwrap();
+        let content = read(Path::new("x"), &b"a [m/s\xb2],b\n1,2\n"[..]).unwrap();
         assert_eq!(content.names[0], "a [m/s\u{b2}]");
     }
 }

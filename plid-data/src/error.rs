@@ -56,6 +56,19 @@ pub enum DataError {
         /// The content of the cell, at most 40 characters.
         cell: String,
     },
+    /// A value far down in a column that has otherwise one in its first row only.
+    #[error("{file}, line {line}: column `{column}` has a value again after its first row")]
+    #[diagnostic(help(
+        "in a file that is read in blocks, a column without values in the first thousand rows is a scalar"
+    ))]
+    LateValue {
+        /// The file.
+        file: PathBuf,
+        /// Line in the file, from 1.
+        line: usize,
+        /// Name of the column.
+        column: String,
+    },
     /// Two columns of one name.
     #[error("{file}: two columns are named `{name}`")]
     DuplicateColumn {

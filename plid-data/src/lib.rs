@@ -17,6 +17,7 @@ pub mod config;
 pub mod prepare;
 
 mod array;
+mod blocks;
 mod bytes;
 mod checks;
 mod delimited;
@@ -31,6 +32,7 @@ mod to_csv;
 mod variables;
 mod warning;
 
+pub use blocks::Blocks;
 pub use checks::{check_excited, require_samples};
 pub use error::{DataError, nearest};
 pub use rate::sample_rate;

@@ -5,12 +5,12 @@
 //! before it is used.
 use super::DataError;
 use super::array::{array, count};
-use super::bytes::{Bytes, Storage};
+use super::bytes::Storage;
 use super::table::Content;
 use super::variables::{Variable, assemble};
 use ndarray::ArrayD;
 use std::io::{Cursor, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zip::ZipArchive;
 
 /// The largest ratio by which deflate can expand its input.
@@ -34,13 +34,13 @@ pub(super) fn read_npz(path: &Path, bytes: &[u8], variable: Option<&str>) -> Res
         let most = EXPANSION.saturating_mul(member.compressed_size()).saturating_add(EXPANSION);
         let mut content = Vec::new();
         member.take(most).read_to_end(&mut content).map_err(|e| failed(e.to_string()))?;
-        let found = read_array(&content).map_err(failed)?;
+        let found = read_array(content.as_slice(), content.len() as u64).map_err(failed)?;
         variables.push(match found {
             Ok(values) => Variable::new(name, values, false),
             Err(what) => Variable::unusable(name, Vec::new(), what),
         });
     }
-    assemble(path, &variables, variable)
+    assemble(path, variables, variable)
 }
 
 /// Checks that the file is long enough for as many entries as its directory announces, because `zip` allocates them
@@ -86,44 +86,139 @@ fn number(bytes: &[u8], at: usize, count: usize) -> u64 {
     there.iter().take(count).rev().fold(0, |number, &byte| number << 8 | u64::from(byte))
 }
 
-/// Reads a single array; its columns are numbered.
-pub(super) fn read_npy(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
+/// Reads a single array of `length` bytes; its columns are numbered.
+pub(super) fn read_npy(path: &Path, file: impl Read, length: u64) -> Result<Content, DataError> {
     let malformed = |what: String| DataError::Malformed { file: path.into(), what };
-    let values = read_array(bytes)
+    let values = read_array(file, length)
         .map_err(|e| malformed(format!("not a readable .npy array: {e}")))?
         .map_err(|what| malformed(format!("the array does not hold real numbers: it is {what}")))?;
-    assemble(path, &[Variable::new("1".into(), values, false)], None)
+    assemble(path, vec![Variable::new("1".into(), values, false)], None)
 }
 
-/// An array in the .npy format.
-fn read_array(bytes: &[u8]) -> Result<Array, String> {
-    let mut file = Bytes { rest: bytes, big: false };
-    let [magic, version] = [file.take(6)?, file.take(2)?];
-    let length = match (magic, version[0]) {
-        (b"\x93NUMPY", 1) => usize::from(u16::from_le_bytes(file.take(2)?.try_into().expect("two bytes are taken"))),
-        (b"\x93NUMPY", 2 | 3) => file.word()? as usize,
-        _ => return Err("it does not begin like a file of version 1, 2 or 3".into()),
+/// Opens a matrix or a vector of `length` bytes, to be read row by row.
+pub(super) fn open_npy<R: Read>(path: &Path, file: R, length: u64) -> Result<NpyRows<R>, DataError> {
+    let malformed = |what: String| DataError::Malformed { file: path.into(), what };
+    let numbers = Numbers::open(file, length)
+        .map_err(|e| malformed(format!("not a readable .npy array: {e}")))?
+        .map_err(|what| malformed(format!("the array does not hold real numbers: it is {what}")))?;
+    let columns = match numbers.shape.as_slice() {
+        [_] => 1,
+        [_, columns] if *columns > 0 => *columns,
+        _ => return Err(malformed("only an array of two dimensions can be read in blocks of rows".into())),
     };
-    let header = std::str::from_utf8(file.take(length)?).map_err(|_| "its header is not text".to_string())?;
-    let field = |name: &str| {
-        let value = header.split_once(&format!("'{name}'")).and_then(|(_, rest)| rest.trim_start().strip_prefix(':'));
-        value.map(str::trim_start).ok_or_else(|| format!("its header has no `{name}`"))
-    };
-    let (order, kind) = match number_type(field("descr")?)? {
-        Ok(found) => found,
+    if numbers.by_columns && columns > 1 {
+        return Err(malformed(
+            "its numbers are stored by columns (Fortran order), so it cannot be read in blocks of rows; save it with \
+             numpy.ascontiguousarray"
+                .into(),
+        ));
+    }
+    let rows = numbers.shape[0];
+    Ok(NpyRows { numbers, file: path.into(), rows, columns })
+}
+
+/// The rows of a matrix in the .npy format, read in blocks.
+pub(super) struct NpyRows<R> {
+    numbers: Numbers<R>,
+    file: PathBuf,
+    /// Rows that are not read yet.
+    pub rows: usize,
+    pub columns: usize,
+}
+
+impl<R: Read> NpyRows<R> {
+    /// Reads the next rows, at most `most` of them, into `values`, and returns how many there were.
+    pub fn next(&mut self, most: usize, values: &mut Vec<f64>) -> Result<usize, DataError> {
+        let rows = most.min(self.rows);
+        self.rows -= rows;
+        let read = self.numbers.read(rows * self.columns, values);
+        read.map_err(|what| DataError::Malformed { file: self.file.clone(), what })?;
+        Ok(rows)
+    }
+}
+
+/// Numbers read at a time.
+const CHUNK: usize = 1 << 16;
+
+/// The header of an array in the .npy format, and the numbers behind it.
+struct Numbers<R> {
+    file: R,
+    shape: Vec<usize>,
+    /// Whether the numbers are stored by columns.
+    by_columns: bool,
+    storage: Storage,
+    /// Whether the most significant byte comes first.
+    big: bool,
+    bytes: Vec<u8>,
+}
+
+impl<R: Read> Numbers<R> {
+    /// Reads the header and compares it with the `length` of the file. The inner error says what an array holds that
+    /// does not hold real numbers.
+    fn open(mut file: R, length: u64) -> Result<Result<Self, &'static str>, String> {
+        let mut take = |count: u64| {
+            let mut bytes = Vec::new();
+            file.by_ref().take(count).read_to_end(&mut bytes).map_err(|e| e.to_string())?;
+            let there = bytes.len();
+            if there as u64 == count {
+                return Ok(bytes);
+            }
+            Err(format!("{count} bytes are announced, but {there} are present"))
+        };
+        let [magic, version] = [take(6)?, take(2)?];
+        let size = match (magic.as_slice(), version[0]) {
+            (b"\x93NUMPY", 1) => 2,
+            (b"\x93NUMPY", 2 | 3) => 4,
+            _ => return Err("it does not begin like a file of version 1, 2 or 3".into()),
+        };
+        let header_length = number(&take(size)?, 0, 4);
+        let header = String::from_utf8(take(header_length)?).map_err(|_| "its header is not text".to_string())?;
+        let field = |name: &str| {
+            let value =
+                header.split_once(&format!("'{name}'")).and_then(|(_, rest)| rest.trim_start().strip_prefix(':'));
+            value.map(str::trim_start).ok_or_else(|| format!("its header has no `{name}`"))
+        };
+        let (big, storage) = match number_type(field("descr")?)? {
+            Ok(found) => found,
+            Err(what) => return Ok(Err(what)),
+        };
+        let by_columns = match field("fortran_order")? {
+            order if order.starts_with("True") => true,
+            order if order.starts_with("False") => false,
+            _ => return Err("`fortran_order` is neither True nor False".into()),
+        };
+        let shape = shape(field("shape")?)?;
+        let wanted = count(&shape)?.checked_mul(storage.width()).ok_or("it is too large")? as u64;
+        let there = length.saturating_sub(8 + size + header_length);
+        if wanted != there {
+            return Err(format!("{wanted} bytes are announced, but {there} are present"));
+        }
+        Ok(Ok(Self { file, shape, by_columns, storage, big, bytes: Vec::new() }))
+    }
+
+    /// Appends the next `count` numbers to `values`.
+    fn read(&mut self, mut count: usize, values: &mut Vec<f64>) -> Result<(), String> {
+        values.reserve_exact(count);
+        while count > 0 {
+            let now = count.min(CHUNK);
+            self.bytes.resize(now * self.storage.width(), 0);
+            self.file.read_exact(&mut self.bytes).map_err(|e| e.to_string())?;
+            self.storage.append(&self.bytes, self.big, values)?;
+            count -= now;
+        }
+        Ok(())
+    }
+}
+
+/// An array of `length` bytes in the .npy format.
+fn read_array(file: impl Read, length: u64) -> Result<Array, String> {
+    let mut numbers = match Numbers::open(file, length)? {
+        Ok(numbers) => numbers,
         Err(what) => return Ok(Err(what)),
     };
-    let by_columns = match field("fortran_order")? {
-        order if order.starts_with("True") => true,
-        order if order.starts_with("False") => false,
-        _ => return Err("`fortran_order` is neither True nor False".into()),
-    };
-    let shape = shape(field("shape")?)?;
-    let wanted = count(&shape)?.checked_mul(kind.width()).ok_or("it is too large")?;
-    if wanted != file.rest.len() {
-        return Err(format!("{wanted} bytes are announced, but {} are present", file.rest.len()));
-    }
-    array(&shape, kind.numbers(file.rest, order)?, by_columns).map(Ok)
+    let mut values = Vec::new();
+    numbers.read(count(&numbers.shape)?, &mut values)?;
+    array(&numbers.shape, values, numbers.by_columns).map(Ok)
 }
 
 /// Reads a shape: sizes in parentheses.
@@ -185,6 +280,10 @@ mod tests {
         let mut writer = NpzWriter::new_compressed(Cursor::new(Vec::new()));
         fill(&mut writer);
         writer.finish().unwrap().into_inner()
+    }
+
+    fn read_npy(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
+        super::read_npy(path, bytes, bytes.len() as u64)
     }
 
     fn parse(bytes: &[u8], variable: Option<&str>) -> Result<Content, DataError> {

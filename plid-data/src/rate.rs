@@ -1,6 +1,7 @@
 //! The sample rate: given, or found in the file.
 use super::{DataError, Table, Warning};
 use ndarray::ArrayView1;
+use std::path::Path;
 
 /// Names of a scalar that holds the rate in Hz, in lower case.
 const RATE_NAMES: [&str; 6] =
@@ -12,29 +13,38 @@ const RATE_NAMES: [&str; 6] =
 /// # Errors
 /// If the rate is zero, negative or not finite, or if time is not evenly spaced.
 pub fn sample_rate(table: &Table, given: Option<f64>) -> Result<(f64, Option<Warning>), DataError> {
-    let checked = |rate_hz: f64, origin: String| {
-        if rate_hz > 0.0 && rate_hz.is_finite() {
-            Ok((rate_hz, None))
-        } else {
-            Err(DataError::BadRate { file: table.source.clone(), rate_hz, origin })
-        }
-    };
-    if let Some(rate) = given {
-        return checked(rate, "as given".into());
+    if let Some(rate) = stated_rate(table, given)? {
+        return Ok((rate, None));
     }
-    let scalar = table.scalars.iter().find(|(name, _)| RATE_NAMES.contains(&name.to_lowercase().as_str()));
-    if let Some((name, rate)) = scalar {
-        return checked(*rate, format!("`{name}` in the file"));
-    }
-    let time = table.names.iter().find_map(|name| Some((name, unit_of_time(name)?)));
-    if let Some((name, unit_s)) = time
+    if let Some((name, unit_s)) = time_column(table)
         && let Some(values) = table.column(name)
     {
         let rate = rate_of_time(table, name, values, unit_s)?;
-        return checked(rate, format!("column `{name}`"));
+        return Ok((checked(&table.source, rate, format!("column `{name}`"))?, None));
     }
     let file = table.source.display().to_string();
     Ok((1.0, Some(Warning::RateAssumed { file })))
+}
+
+/// The given rate in Hz, or else that of a scalar in the file.
+pub(super) fn stated_rate(table: &Table, given: Option<f64>) -> Result<Option<f64>, DataError> {
+    if let Some(rate) = given {
+        return checked(&table.source, rate, "as given".into()).map(Some);
+    }
+    let scalar = table.scalars.iter().find(|(name, _)| RATE_NAMES.contains(&name.to_lowercase().as_str()));
+    scalar.map(|(name, rate)| checked(&table.source, *rate, format!("`{name}` in the file"))).transpose()
+}
+
+/// The name and the unit in s of the column of time, if there is one.
+pub(super) fn time_column(table: &Table) -> Option<(&str, f64)> {
+    table.names.iter().find_map(|name| Some((name.as_str(), unit_of_time(name)?)))
+}
+
+fn checked(file: &Path, rate_hz: f64, origin: String) -> Result<f64, DataError> {
+    if rate_hz > 0.0 && rate_hz.is_finite() {
+        return Ok(rate_hz);
+    }
+    Err(DataError::BadRate { file: file.into(), rate_hz, origin })
 }
 
 /// The unit in s of a column of time; `None` if the name is not that of time.
@@ -51,6 +61,18 @@ fn unit_of_time(name: &str) -> Option<f64> {
         Some(_) => return None,
     };
     words.next().is_none().then_some(unit)
+}
+
+/// The rate in Hz of times with the mean `step` between the first one and the `last`, which are at most `off_the_line`
+/// away from a straight line; `None` if they are not evenly spaced.
+pub(super) fn rate_of_line(step: f64, off_the_line: f64, last: usize, unit_s: f64) -> Option<f64> {
+    if !(step > 0.0 && off_the_line <= 0.25 * step) {
+        return None;
+    }
+    let rate = 1.0 / (step * unit_s);
+    // The rounding of the times leaves this much open; a whole number in it is meant.
+    let open = rate * (2.0 * off_the_line / (step * last as f64) + 1e-12);
+    Some(if (rate - rate.round()).abs() <= open { rate.round() } else { rate })
 }
 
 /// The rate of evenly spaced times.
@@ -73,11 +95,8 @@ fn rate_of_time(table: &Table, name: &str, time: ArrayView1<f64>, unit_s: f64) -
     }
     let step = (time[last] - time[0]) / last as f64;
     let off_the_line = (0..=last).map(|k| (time[k] - time[0] - k as f64 * step).abs()).fold(0.0, f64::max);
-    if step > 0.0 && off_the_line <= 0.25 * step {
-        let rate = 1.0 / (step * unit_s);
-        // The rounding of the times leaves this much open; a whole number in it is meant.
-        let open = rate * (2.0 * off_the_line / (step * last as f64) + 1e-12);
-        return Ok(if (rate - rate.round()).abs() <= open { rate.round() } else { rate });
+    if let Some(rate) = rate_of_line(step, off_the_line, last, unit_s) {
+        return Ok(rate);
     }
     let steps: Vec<f64> = (1..=last).map(|k| time[k] - time[k - 1]).collect();
     let mut sorted = steps.clone();
@@ -108,6 +127,7 @@ mod tests {
             scalars: BTreeMap::new(),
             sha256: String::new(),
             lines: Vec::new(),
+            first: 0,
             notes: Vec::new(),
         }
     }

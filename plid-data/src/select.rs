@@ -4,6 +4,7 @@ use super::{DataError, Record, Table, Warning, check_excited, require_alike, sam
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
+use std::path::Path;
 
 /// The largest magnitude of a sample. Sums of fourth powers of larger ones would overflow.
 const LARGEST: f64 = 1e70;
@@ -71,15 +72,7 @@ pub fn extract(
     rate_hz: Option<f64>,
     missing: MissingPolicy,
 ) -> Result<(Record, Vec<Warning>), DataError> {
-    for (side, names) in [("input", inputs), ("output", outputs)] {
-        if names.is_empty() {
-            return Err(DataError::NoChannels { side });
-        }
-    }
-    let mut seen = HashSet::new();
-    if let Some(twice) = inputs.iter().chain(outputs).find(|name| !seen.insert(*name)) {
-        return Err(DataError::RepeatedChannel { channel: twice.clone() });
-    }
+    require_names(inputs, outputs)?;
     if table.samples() < 2 {
         return Err(DataError::OneSample { file: table.source.clone() });
     }
@@ -93,8 +86,24 @@ pub fn extract(
     };
     let mut warnings = table.notes.clone();
     warnings.extend(warning);
-    warnings.extend(missing_samples(table, &record)?);
+    let missing: Vec<usize> =
+        record.outputs.columns().into_iter().map(|column| column.iter().filter(|v| v.is_nan()).count()).collect();
+    warnings.extend(judge_missing(&table.source, outputs, &missing, record.samples())?);
     Ok((record, warnings))
+}
+
+/// Checks that there are inputs and outputs, and none twice.
+pub(super) fn require_names(inputs: &[String], outputs: &[String]) -> Result<(), DataError> {
+    for (side, names) in [("input", inputs), ("output", outputs)] {
+        if names.is_empty() {
+            return Err(DataError::NoChannels { side });
+        }
+    }
+    let mut seen = HashSet::new();
+    match inputs.iter().chain(outputs).find(|name| !seen.insert(*name)) {
+        Some(twice) => Err(DataError::RepeatedChannel { channel: twice.clone() }),
+        None => Ok(()),
+    }
 }
 
 /// The columns `names` of a table in that order, K x (number of names), each value checked against the policy.
@@ -125,13 +134,17 @@ pub fn channels(table: &Table, names: &[String], missing: MissingPolicy) -> Resu
     Ok(out)
 }
 
-fn missing_samples(table: &Table, record: &Record) -> Result<Vec<Warning>, DataError> {
-    let samples = record.samples();
+/// Judges the number of missing samples of each output.
+pub(super) fn judge_missing(
+    file: &Path,
+    outputs: &[String],
+    missing: &[usize],
+    samples: usize,
+) -> Result<Vec<Warning>, DataError> {
     let mut warnings = Vec::new();
-    for (name, column) in record.output_names.iter().zip(record.outputs.columns()) {
-        let missing = column.iter().filter(|v| v.is_nan()).count();
+    for (name, &missing) in outputs.iter().zip(missing) {
         if missing == samples {
-            return Err(DataError::AllMissing { file: table.source.clone(), channel: name.clone() });
+            return Err(DataError::AllMissing { file: file.into(), channel: name.clone() });
         }
         if missing > 0 {
             warnings.push(Warning::MissingSamples { channel: name.clone(), missing, samples });

@@ -1,7 +1,10 @@
 //! A file as a table of named columns.
 use super::{DataError, Warning, delimited, mat, numpy};
 use ndarray::{Array2, ArrayView1};
+use plid_file::Hashing;
 use std::collections::{BTreeMap, HashSet};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 /// The contents of a data file: columns of equal length, and scalars.
@@ -19,6 +22,8 @@ pub struct Table {
     pub sha256: String,
     /// For text, the line of each sample in the file, from 1; else empty.
     pub lines: Vec<usize>,
+    /// The first sample in the file, from 0; not 0 only for a [block](crate::Blocks) of a file.
+    pub first: usize,
     /// Notes on contents of the file that are not data.
     pub notes: Vec<Warning>,
 }
@@ -34,13 +39,24 @@ pub(super) struct Content {
 
 /// Reads a data file. Its contents decide the format, then its extension.
 ///
-/// `variable` chooses one variable of a .mat or .npz file.
+/// `variable` chooses one variable of a .mat or .npz file. Text and .npy files are read in pieces, so that only their
+/// numbers are held.
 ///
 /// # Errors
 /// Returns a [`DataError`] with the file and, for text, line and column.
 pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
-    let bytes = std::fs::read(path).map_err(|source| DataError::Io { file: path.into(), source })?;
-    read_bytes(path, &bytes, variable)
+    let failed = |source| DataError::Io { file: path.into(), source };
+    let mut file = BufReader::new(File::open(path).map_err(failed)?);
+    let metadata = file.get_ref().metadata().map_err(failed)?;
+    if !metadata.is_file() {
+        // A pipe does not know its length.
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).map_err(failed)?;
+        return read_bytes(path, &bytes, variable);
+    }
+    let length = metadata.len();
+    let format = Format::of(path, file.fill_buf().map_err(failed)?);
+    read_from(path, file, length, format, variable)
 }
 
 /// Reads the bytes of a data file. `path` names the file in messages, and its extension counts as in [`read`].
@@ -48,31 +64,76 @@ pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
 /// # Errors
 /// As [`read`].
 pub fn read_bytes(path: &Path, bytes: &[u8], variable: Option<&str>) -> Result<Table, DataError> {
-    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    let content = if bytes.is_empty() {
-        Err(DataError::Empty { file: path.into() })
-    } else if bytes.starts_with(b"PK\x03\x04") || extension == "npz" {
-        numpy::read_npz(path, bytes, variable)
-    } else if bytes.starts_with(b"\x93NUMPY") || extension == "npy" {
-        numpy::read_npy(path, bytes)
-    } else if bytes.starts_with(b"MATLAB") || extension == "mat" {
-        mat::read(path, bytes, variable)
-    } else {
-        delimited::read(path, bytes)
-    }?;
-    let mut seen = HashSet::new();
-    if let Some(name) = content.names.iter().find(|name| !seen.insert(*name)) {
-        return Err(DataError::DuplicateColumn { file: path.into(), name: name.clone() });
+    read_from(path, bytes, bytes.len() as u64, Format::of(path, bytes), variable)
+}
+
+/// The format of a file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Format {
+    Nothing,
+    Npz,
+    Npy,
+    Mat,
+    Text,
+}
+
+impl Format {
+    /// The format by the first bytes of a file, then by its extension.
+    pub fn of(path: &Path, first: &[u8]) -> Self {
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        match extension.as_str() {
+            _ if first.is_empty() => Self::Nothing,
+            _ if first.starts_with(b"PK\x03\x04") => Self::Npz,
+            "npz" => Self::Npz,
+            _ if first.starts_with(b"\x93NUMPY") => Self::Npy,
+            "npy" => Self::Npy,
+            _ if first.starts_with(b"MATLAB") => Self::Mat,
+            "mat" => Self::Mat,
+            _ => Self::Text,
+        }
     }
+}
+
+fn read_from(
+    path: &Path,
+    file: impl BufRead,
+    length: u64,
+    format: Format,
+    variable: Option<&str>,
+) -> Result<Table, DataError> {
+    let failed = |source| DataError::Io { file: path.into(), source };
+    let mut file = BufReader::new(Hashing::new(file));
+    let mut whole = Vec::new();
+    if matches!(format, Format::Npz | Format::Mat) {
+        file.read_to_end(&mut whole).map_err(failed)?;
+    }
+    let content = match format {
+        Format::Nothing => Err(DataError::Empty { file: path.into() }),
+        Format::Npz => numpy::read_npz(path, &whole, variable),
+        Format::Npy => numpy::read_npy(path, &mut file, length),
+        Format::Mat => mat::read(path, &whole, variable),
+        Format::Text => delimited::read(path, &mut file),
+    }?;
+    require_different(path, &content.names)?;
     Ok(Table {
         source: path.into(),
         names: content.names,
         columns: content.columns,
         scalars: content.scalars,
-        sha256: plid_file::sha256(bytes),
+        sha256: file.into_inner().sha256().map_err(failed)?,
         lines: content.lines,
+        first: 0,
         notes: content.notes,
     })
+}
+
+/// Checks that no two columns have the same name.
+pub(super) fn require_different(path: &Path, names: &[String]) -> Result<(), DataError> {
+    let mut seen = HashSet::new();
+    match names.iter().find(|name| !seen.insert(*name)) {
+        Some(name) => Err(DataError::DuplicateColumn { file: path.into(), name: name.clone() }),
+        None => Ok(()),
+    }
 }
 
 impl Table {
@@ -91,7 +152,7 @@ impl Table {
     pub fn place(&self, k: usize) -> String {
         match self.lines.get(k) {
             Some(line) => format!("line {line}"),
-            None => format!("row {}", k + 1),
+            None => format!("row {}", self.first + k + 1),
         }
     }
 }

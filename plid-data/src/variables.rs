@@ -55,7 +55,7 @@ impl Variable {
 /// Variables of one element are scalars. All others, or only the one that is chosen, must have
 /// the same number of rows. A lone matrix has numbered columns; else a vector has its own name
 /// and a matrix `y` the names `y1`, `y2`, ...
-pub(super) fn assemble(path: &Path, variables: &[Variable], choice: Option<&str>) -> Result<Content, DataError> {
+pub(super) fn assemble(path: &Path, mut variables: Vec<Variable>, choice: Option<&str>) -> Result<Content, DataError> {
     let there = || {
         let all: Vec<String> = variables.iter().map(Variable::describe).collect();
         all.join(", ")
@@ -65,19 +65,21 @@ pub(super) fn assemble(path: &Path, variables: &[Variable], choice: Option<&str>
         let what = format!("two variables are named `{}`", twice.name);
         return Err(DataError::Malformed { file: path.into(), what });
     }
+    // Where one variable is chosen, the others are not asked for.
+    let notes = if choice.is_some() { Vec::new() } else { unused(path, &variables) };
     let mut scalars = BTreeMap::new();
-    let mut parts: Vec<(&str, &Array2<f64>)> = Vec::new();
-    for variable in variables {
+    let mut parts: Vec<(usize, &str, &Array2<f64>)> = Vec::new();
+    for (number, variable) in variables.iter().enumerate() {
         match &variable.matrix {
             Ok(matrix) if matrix.len() == 1 => {
                 scalars.insert(variable.name.clone(), matrix[[0, 0]]);
             }
-            Ok(matrix) if !matrix.is_empty() => parts.push((&variable.name, matrix)),
+            Ok(matrix) if !matrix.is_empty() => parts.push((number, &variable.name, matrix)),
             _ => {}
         }
     }
     if let Some(choice) = choice {
-        parts.retain(|(name, _)| *name == choice);
+        parts.retain(|(_, name, _)| *name == choice);
         if parts.is_empty() {
             return Err(DataError::UnknownVariable {
                 file: path.into(),
@@ -87,7 +89,7 @@ pub(super) fn assemble(path: &Path, variables: &[Variable], choice: Option<&str>
             });
         }
     }
-    let Some(samples) = parts.first().map(|(_, matrix)| matrix.nrows()) else {
+    let Some(samples) = parts.first().map(|(_, _, matrix)| matrix.nrows()) else {
         return Err(DataError::Malformed {
             file: path.into(),
             what: if variables.is_empty() {
@@ -97,23 +99,27 @@ pub(super) fn assemble(path: &Path, variables: &[Variable], choice: Option<&str>
             },
         });
     };
-    if parts.iter().any(|(_, matrix)| matrix.nrows() != samples) {
+    if parts.iter().any(|(_, _, matrix)| matrix.nrows() != samples) {
         return Err(DataError::ChooseVariable { file: path.into(), there: there() });
     }
     let names = column_names(&parts);
-    let views: Vec<_> = parts.iter().map(|(_, matrix)| matrix.view()).collect();
-    let columns = ndarray::concatenate(ndarray::Axis(1), &views)
-        .map_err(|e| DataError::Malformed { file: path.into(), what: e.to_string() })?;
-    // Where one variable is chosen, the others are not asked for.
-    let notes = if choice.is_some() { Vec::new() } else { unused(path, variables) };
+    let columns = match parts.as_slice() {
+        // A lone matrix is moved and not copied: it may be most of the memory.
+        &[(number, ..)] => std::mem::replace(&mut variables[number].matrix, Err("")),
+        _ => {
+            let views: Vec<_> = parts.iter().map(|(_, _, matrix)| matrix.view()).collect();
+            ndarray::concatenate(ndarray::Axis(1), &views).map_err(|_| "of different lengths")
+        }
+    };
+    let columns = columns.map_err(|what| DataError::Malformed { file: path.into(), what: what.into() })?;
     Ok(Content { names, columns, scalars, lines: Vec::new(), notes })
 }
 
-fn column_names(parts: &[(&str, &Array2<f64>)]) -> Vec<String> {
+fn column_names(parts: &[(usize, &str, &Array2<f64>)]) -> Vec<String> {
     let alone = parts.len() == 1;
     parts
         .iter()
-        .flat_map(|(name, matrix)| {
+        .flat_map(|(_, name, matrix)| {
             let columns = matrix.ncols();
             (1..=columns).map(move |i| match (alone, columns) {
                 (_, 1) => (*name).to_string(),

@@ -6,7 +6,7 @@
 //! - [`Scratch`] is a temporary folder, which is also removed if its process is killed.
 //! - [`to_json`] refuses a number that is not finite, because JSON has none.
 //! - [`file_name`] turns any name into one that stays in its folder.
-//! - With the feature `hash`, `sha256` identifies files by their content.
+//! - With the feature `hash`, `sha256` identifies files by their content, and `Hashing` those too large to be held.
 
 mod atomic;
 mod folder;
@@ -21,7 +21,7 @@ mod strict;
 pub use atomic::write_atomic;
 pub use folder::write_folder;
 #[cfg(feature = "hash")]
-pub use hash::{digest, executable_sha256, hex, sha256};
+pub use hash::{Hashing, digest, executable_sha256, hex, sha256};
 pub use name::file_name;
 pub use scratch::Scratch;
 pub use staged::Staged;

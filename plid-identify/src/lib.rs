@@ -14,11 +14,11 @@ pub use calibration::innovation_ratio;
 pub use front::{Identification, IdentificationError, Identified, Watch, identify};
 pub use noise::{Bank, Memory, Point, Search, Split, Trial, Tuned, tune, tune_by};
 pub use order::{OrderScan, ScanRow, scan_orders, search_indices};
-pub use recursion::{Ending, Paused, Plan, RecursionRun, Watcher, run, run_or_factor};
+pub use recursion::{Course, Ending, Paused, Plan, RecursionRun, Watcher, run, run_or_factor};
 pub use to_model::ToModel;
 
 use ndarray::ArrayView2;
-use plid_core::{IdentifiedModel, ObservableForm};
+use plid_core::{IdentifiedModel, IdentifierError, ObservableForm};
 
 use plid_catalogue::VariantError;
 
@@ -69,6 +69,16 @@ pub enum IdentifyError {
     /// The user requested an interruption.
     #[error("interrupted")]
     Interrupted,
+}
+
+impl IdentifyError {
+    /// The failure of a covariance form, if P has lost positive definiteness.
+    pub fn lost(&self) -> Option<&IdentifierError> {
+        match self {
+            Self::Variant(VariantError::Identifier(lost @ IdentifierError::Indefinite { .. })) => Some(lost),
+            _ => None,
+        }
+    }
 }
 
 /// Simulates an identified model on `samples` from its own state and returns the relative error: the root of the

@@ -8,10 +8,10 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use plid_core::{ImplicitModel, NoiseModel, ObservableForm, Settings};
+use plid_core::{IdentifiedModel, ImplicitModel, NoiseModel, ObservableForm, Settings};
 use serde::{Deserialize, Serialize};
 
-use super::recursion::{Ending, Plan, run};
+use super::recursion::{Course, Plan};
 use super::{IdentifyError, Samples, free_run_error};
 use plid_catalogue::{CovarianceName, ExpectationName, Variant};
 
@@ -113,12 +113,34 @@ impl Bank {
 
     /// Returns the simulation error of the filter with `noise`; infinite if the filter or its model diverges.
     fn score(&self, noise: NoiseModel, split: &Split<'_>, may_go_on: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
-        match run(&self.plan(noise), &split.learn, None, &mut |_, _| may_go_on()) {
-            Ok(Ending::Done(run)) => Some(free_run_error(&run.identified, &self.form, split.score)),
-            Ok(Ending::Paused(_)) => None,
+        match identified(&self.plan(noise), &split.learn, may_go_on) {
+            Ok(Some(model)) => Some(free_run_error(&model, &self.form, split.score)),
+            Ok(None) => None,
             Err(_) => Some(f64::INFINITY),
         }
     }
+}
+
+/// Runs the recursion as [`super::run`] does, without innovations, which of many filters would fill the memory. Returns
+/// `None` if it may not go on.
+fn identified(
+    plan: &Plan,
+    records: &[Samples<'_>],
+    may_go_on: &(dyn Fn() -> bool + Sync),
+) -> Result<Option<IdentifiedModel>, IdentifyError> {
+    let mut course = Course::start(plan)?;
+    for (number, record) in records.iter().enumerate() {
+        if number > 0 {
+            course.next_record()?;
+        }
+        for (outputs, inputs) in record.outputs.rows().into_iter().zip(record.inputs.rows()) {
+            course.step(outputs, inputs, record.nan_is_missing)?;
+            if !may_go_on() {
+                return Ok(None);
+            }
+        }
+    }
+    Ok(Some(course.finish(Vec::new()).identified))
 }
 
 /// Training data divided into a part for the filters and a part of the last record that scores them.

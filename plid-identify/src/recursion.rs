@@ -1,6 +1,6 @@
 //! The recursion over one or more records, in one or more passes, with checkpoints.
 
-use ndarray::Array2;
+use ndarray::{Array2, ArrayView1};
 use plid_core::{
     Checkpoint, Health, IdentifiedModel, IdentifierError, ImplicitModel, NoiseModel, ObservableForm, Settings,
 };
@@ -60,6 +60,91 @@ pub enum Ending {
     Paused(Box<Paused>),
 }
 
+/// A recursion that takes its samples as they come, so that the records need not be held.
+///
+/// [`run`] does the same for records in memory.
+pub struct Course<'p> {
+    plan: &'p Plan,
+    recursion: Box<dyn Recursion>,
+    z: Vec<f64>,
+    u: Vec<f64>,
+}
+
+impl<'p> Course<'p> {
+    /// Starts the recursion of `plan`.
+    ///
+    /// # Errors
+    /// Returns an error if the variant cannot be constructed.
+    pub fn start(plan: &'p Plan) -> Result<Self, IdentifyError> {
+        let (z, u) = (vec![0.0; plan.form.outputs()], vec![0.0; plan.form.inputs()]);
+        Ok(Self { plan, recursion: build(plan, None)?, z, u })
+    }
+
+    /// Takes a sample of outputs (p) and inputs (m), and returns its innovation (p). If `nan_is_missing`, a NaN among
+    /// the outputs marks a missing sample.
+    ///
+    /// # Errors
+    /// Returns the error of the recursion.
+    pub fn step(
+        &mut self,
+        outputs: ArrayView1<'_, f64>,
+        inputs: ArrayView1<'_, f64>,
+        nan_is_missing: bool,
+    ) -> Result<&[f64], IdentifyError> {
+        self.z.iter_mut().zip(outputs).for_each(|(to, &from)| *to = from);
+        self.u.iter_mut().zip(inputs).for_each(|(to, &from)| *to = from);
+        self.recursion.step(&self.z, &self.u, nan_is_missing).map_err(VariantError::from)?;
+        Ok(self.recursion.innovation())
+    }
+
+    /// Begins the next record or pass: with the current parameters and their covariance, and with an uninformative
+    /// prior of the state.
+    ///
+    /// # Errors
+    /// As [`Course::start`].
+    pub fn next_record(&mut self) -> Result<(), IdentifyError> {
+        self.recursion = build(self.plan, Some(&self.recursion.identified()))?;
+        Ok(())
+    }
+
+    /// The state of the recursion after `stretch` completed records or passes, with the innovations that are to be
+    /// kept.
+    pub fn pause(&self, stretch: usize, innovations: &[Array2<f64>]) -> Paused {
+        let saved = |array: &Array2<f64>| array.iter().map(|&e| e.is_finite().then_some(e)).collect();
+        Paused {
+            stretch,
+            covariance: self.plan.variant.covariance,
+            checkpoint: self.recursion.checkpoint(),
+            innovations: innovations.iter().map(saved).collect(),
+        }
+    }
+
+    /// Continues from a paused recursion.
+    ///
+    /// # Errors
+    /// Returns an error if it is of another size.
+    pub fn resume(&mut self, paused: &Paused) -> Result<(), IdentifyError> {
+        Ok(self.recursion.restore(&paused.checkpoint).map_err(VariantError::from)?)
+    }
+
+    /// Ends the recursion with the innovations that were kept.
+    pub fn finish(self, innovations: Vec<Array2<f64>>) -> RecursionRun {
+        RecursionRun { identified: self.recursion.identified(), innovations, health: self.recursion.health() }
+    }
+}
+
+impl Paused {
+    /// The numbers of completed records or passes, and of samples done in the next one.
+    pub fn place(&self) -> (usize, usize) {
+        (self.stretch, self.checkpoint.step() as usize)
+    }
+
+    /// The innovations that were kept, by record and row; NaN for a missing sample.
+    pub fn innovations(&self) -> impl Iterator<Item = impl Iterator<Item = f64> + '_> + '_ {
+        self.innovations.iter().map(|saved| saved.iter().map(|e| e.unwrap_or(f64::NAN)))
+    }
+}
+
 fn build(plan: &Plan, former: Option<&IdentifiedModel>) -> Result<Box<dyn Recursion>, VariantError> {
     let settings = match former {
         Some(former) => &plan.settings.carry_over(&plan.form, former, 1.0),
@@ -86,54 +171,36 @@ pub fn run(
     let stretches = plan.passes * records.len();
     let (mut stretch, mut first) = (0, 0);
     let length = |stretch: usize| records[stretch % records.len()].len();
-    let mut recursion = build(plan, None)?;
+    let mut course = Course::start(plan)?;
     if let Some(paused) = paused {
         if paused.stretch >= stretches || paused.checkpoint.step() > length(paused.stretch) as u64 {
             return Err(VariantError::from(IdentifierError::Checkpoint("its place is beyond the records")).into());
         }
-        recursion.restore(&paused.checkpoint).map_err(VariantError::from)?;
-        (stretch, first) = (paused.stretch, paused.checkpoint.step() as usize);
-        for (array, saved) in innovations.iter_mut().zip(&paused.innovations) {
-            for (to, from) in array.iter_mut().zip(saved) {
-                *to = from.unwrap_or(f64::NAN);
-            }
+        course.resume(paused)?;
+        (stretch, first) = paused.place();
+        for (array, saved) in innovations.iter_mut().zip(paused.innovations()) {
+            array.iter_mut().zip(saved).for_each(|(to, from)| *to = from);
         }
     }
     let mut done = (0..stretch).map(length).sum::<usize>() + first;
-    let (mut z, mut u) = (vec![0.0; p], vec![0.0; plan.form.inputs()]);
     while stretch < stretches {
         let number = stretch % records.len();
         let record = records[number];
         for k in first..record.len() {
-            for (to, &from) in z.iter_mut().zip(record.outputs.row(k)) {
-                *to = from;
-            }
-            for (to, &from) in u.iter_mut().zip(record.inputs.row(k)) {
-                *to = from;
-            }
-            recursion.step(&z, &u, record.nan_is_missing).map_err(VariantError::from)?;
-            for (to, &e) in innovations[number].row_mut(k).iter_mut().zip(recursion.innovation()) {
-                *to = e;
-            }
+            let innovation = course.step(record.outputs.row(k), record.inputs.row(k), record.nan_is_missing)?;
+            innovations[number].row_mut(k).iter_mut().zip(innovation).for_each(|(to, &e)| *to = e);
             done += 1;
             if !watcher(done, total) && done < total {
-                let saved = |array: &Array2<f64>| array.iter().map(|&e| e.is_finite().then_some(e)).collect();
-                return Ok(Ending::Paused(Box::new(Paused {
-                    stretch,
-                    covariance: plan.variant.covariance,
-                    checkpoint: recursion.checkpoint(),
-                    innovations: innovations.iter().map(saved).collect(),
-                })));
+                return Ok(Ending::Paused(Box::new(course.pause(stretch, &innovations))));
             }
         }
         first = 0;
         stretch += 1;
         if stretch < stretches {
-            recursion = build(plan, Some(&recursion.identified()))?;
+            course.next_record()?;
         }
     }
-    let (identified, health) = (recursion.identified(), recursion.health());
-    Ok(Ending::Done(Box::new(RecursionRun { identified, innovations, health })))
+    Ok(Ending::Done(Box::new(course.finish(innovations))))
 }
 
 /// Runs the recursion as [`run`] does, for a covariance form that the user did not select. If P loses positive

@@ -37,7 +37,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], variable: Option<&str>) -> Result<
     }
     let found = variables(bytes).map_err(|reason| malformed(format!("not a readable .mat file: {reason}")))?;
     let variables: Vec<Variable> = found.into_iter().map(to_variable).collect();
-    assemble(path, &variables, variable)
+    assemble(path, variables, variable)
 }
 
 fn variables(bytes: &[u8]) -> Result<Vec<Found>, String> {

@@ -215,7 +215,9 @@ pub fn advance(record: &Record) -> Record {
     Record {
         inputs: record.inputs.slice(s![1.., ..]).to_owned(),
         outputs: record.outputs.slice(s![..last, ..]).to_owned(),
-        ..record.clone()
+        sample_rate_hz: record.sample_rate_hz,
+        input_names: record.input_names.clone(),
+        output_names: record.output_names.clone(),
     }
 }
 

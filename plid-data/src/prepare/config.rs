@@ -22,6 +22,18 @@ pub struct Preparation {
     pub scaling: Scaling,
 }
 
+impl Preparation {
+    /// Returns the key of a step that is not possible for a record that is read in blocks.
+    pub fn not_in_blocks(&self) -> Option<&'static str> {
+        let steps = [
+            ("repeats", self.repeats.is_some()),
+            ("decimate_to_hz", self.decimate_to_hz.is_some()),
+            ("trend = \"linear\"", self.trend == Trend::Linear),
+        ];
+        steps.into_iter().find(|(_, is_wanted)| *is_wanted).map(|(key, _)| key)
+    }
+}
+
 /// Samples by which the input is advanced.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "AdvanceWord", into = "AdvanceWord")]

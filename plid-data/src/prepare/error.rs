@@ -91,6 +91,12 @@ pub enum PrepareError {
         /// The limit.
         limit: f64,
     },
+    /// A step that needs the whole record, for a record that is read in blocks.
+    #[error("a record that is read in blocks cannot be prepared with `{step}`")]
+    NotInBlocks {
+        /// The key of the step.
+        step: &'static str,
+    },
     /// Too few complete samples for a covariance of the noise.
     #[error("{samples} complete samples are too few for the noise covariance of {outputs} outputs")]
     TooFewForNoise {

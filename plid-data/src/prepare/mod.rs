@@ -20,6 +20,7 @@ pub mod repeats;
 pub mod scaling;
 mod segment;
 mod step;
+pub mod stream;
 pub mod trend;
 
 pub use config::{Advance, Preparation};
@@ -91,20 +92,47 @@ pub fn prepare(
     let mut steps = Vec::new();
     let mut warnings = Vec::new();
     let (records, repeat_noise) = average_repeats(records, preparation, &mut steps)?;
-    let (mut records, start_s) = decimate_all(records, preparation, &mut steps, &mut warnings)?;
-    let mut training: Vec<usize> = records
+    let (records, start_s) = decimate_all(records, preparation, &mut steps, &mut warnings)?;
+    let training: Vec<usize> = records
         .iter()
         .zip(training_shares)
         .map(|(record, share)| (share * record.samples() as f64).round() as usize)
         .collect();
 
+    let before = Before { repeat_noise, start_s, steps, warnings };
+    let remove = |records: &mut [Record], training: &[usize]| trend::remove(records, training, preparation.trend);
+    let scale =
+        |records: &mut [Record], training: &[usize], _| Ok(scaling::apply(records, training, preparation.scaling));
+    last_steps((records, training), preparation, before, remove, scale)
+}
+
+/// What the first steps of the preparation found.
+struct Before {
+    repeat_noise: RepeatNoise,
+    start_s: f64,
+    steps: Vec<Step>,
+    warnings: Vec<Warning>,
+}
+
+/// The lines removed from the inputs and from the outputs of each record.
+type Lines = Vec<[Vec<Line>; 2]>;
+
+/// The steps after averaging and decimation. `remove` removes trends and returns them; `scale`, which is told whether
+/// inputs were advanced, divides the channels and returns the divisors.
+fn last_steps(
+    (mut records, mut training): (Vec<Record>, Vec<usize>),
+    preparation: &Preparation,
+    Before { repeat_noise, start_s, mut steps, mut warnings }: Before,
+    remove: impl FnOnce(&mut [Record], &[usize]) -> Lines,
+    scale: impl FnOnce(&mut [Record], &[usize], bool) -> Result<[Vec<f64>; 2], PrepareError>,
+) -> Result<Prepared, PrepareError> {
     let rate_hz = records[0].sample_rate_hz;
     let input_names = records[0].input_names.clone();
     let output_names = records[0].output_names.clone();
     let bands = band::bands(&heads(&records, &training), &input_names, &output_names, rate_hz);
     warnings.extend(band::warnings(&bands[0], &bands[1], rate_hz));
 
-    let lines = trend::remove(&mut records, &training, preparation.trend);
+    let lines = remove(&mut records, &training);
     match preparation.trend {
         Trend::None => {}
         Trend::Mean => steps.push(Step::MeanRemoved),
@@ -126,7 +154,7 @@ pub fn prepare(
         steps.push(Step::Advanced { by_test: preparation.advance == Advance::Auto });
     }
 
-    let [input_scales, output_scales] = scaling::apply(&mut records, &training, preparation.scaling);
+    let [input_scales, output_scales] = scale(&mut records, &training, advanced)?;
     if preparation.scaling == scaling::Scaling::Rms {
         steps.push(Step::Scaled);
     }

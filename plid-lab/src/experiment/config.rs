@@ -72,6 +72,13 @@ pub struct DataConfig {
     pub output_unit: Option<String>,
     /// The treatment of NaN among the outputs: `error`, or `nan` for a missing sample.
     pub missing: MissingPolicy,
+    /// Whether the one file is read block by block instead of held in memory.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub stream: bool,
+    /// Samples before and after the end of the training part that a streamed run holds in memory. The default is
+    /// 100000.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub window: Option<usize>,
     /// The variable of a .mat or .npz file that contains the record.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub variable: Option<String>,
@@ -399,6 +406,7 @@ impl Experiment {
             problems.push(("variant", error.to_string()));
         }
         self.problems_of_noise(&mut problems);
+        self.problems_of_a_stream(&mut problems);
         match structure.kind {
             StructureKind::SimoMerge => self.problems_of_a_merge(is_open, &mut problems),
             StructureKind::Mimo if self.validation.file.is_some() => {
@@ -457,6 +465,36 @@ impl Experiment {
         {
             problems
                 .push(("noise", "from = \"repeats\" needs `[preparation.repeats]` or a testbed with repeats".into()));
+        }
+    }
+
+    /// Returns the settings that a streamed run must not have, because they need the whole record.
+    fn problems_of_a_stream(&self, problems: &mut Vec<(&'static str, String)>) {
+        let data = &self.data;
+        if !data.stream {
+            if data.window.is_some() {
+                problems.push(("window", "only a run with `stream = true` has a window".into()));
+            }
+            return;
+        }
+        let mut refuse = |is_set: bool, reason: &str| {
+            if is_set {
+                problems.push(("stream", reason.into()));
+            }
+        };
+        refuse(data.testbed.is_some(), "the testbed simulates its record in memory; give a file");
+        refuse(data.testbed.is_none() && data.files.len() != 1, "exactly one file can be streamed");
+        refuse(data.variable.is_some(), "only text and .npy files can be streamed, and they have no `variable`");
+        refuse(data.window == Some(0), "`window` must be at least 1");
+        refuse(self.structure.kind == StructureKind::SimoMerge, "the runs of a merge cannot be streamed");
+        refuse(self.validation.period.is_some(), "the noise floor from `period` needs the whole record");
+        let source = self.noise.from;
+        refuse(
+            matches!(source, NoiseSource::Repeats | NoiseSource::ZeroInput | NoiseSource::Converter),
+            "noise that is measured on the data needs the whole record; give it, or have it tuned",
+        );
+        if let Some(step) = self.preparation.not_in_blocks() {
+            problems.push(("stream", format!("the step `{step}` of the preparation needs the whole record")));
         }
     }
 

@@ -1,5 +1,6 @@
 //! The checkpoint that an interrupted run writes and `--resume` reads.
 
+use std::fs::File;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -8,7 +9,7 @@ use super::error::RunError;
 use super::output::{MANIFEST, RESULT};
 use crate::experiment::{Experiment, to_toml};
 use crate::identify::{Memory, Paused};
-use plid_file::{digest, sha256, write_atomic};
+use plid_file::{Hashing, sha256, write_atomic};
 
 /// The name of the checkpoint in the output directory.
 pub const CHECKPOINT: &str = "checkpoint.json";
@@ -28,8 +29,8 @@ pub(crate) fn identity(experiment: &Experiment, base: &Path) -> Result<String, R
     let mut parts = to_toml(experiment).into_bytes();
     for file in experiment.files() {
         let path = base.join(file);
-        let bytes = std::fs::read(&path).map_err(|source| RunError::File { path, source })?;
-        parts.extend(digest(bytes));
+        let digest = File::open(&path).and_then(|file| Hashing::new(file).digest());
+        parts.extend(digest.map_err(|source| RunError::File { path, source })?);
     }
     Ok(sha256(parts))
 }

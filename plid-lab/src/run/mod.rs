@@ -14,6 +14,7 @@ pub(crate) mod report;
 mod report_simulation;
 mod simulation;
 mod start;
+mod stream;
 mod validate;
 
 pub use checkpoint::{CHECKPOINT, require_own};
@@ -30,6 +31,7 @@ pub(crate) use peaks::compare as compare_peaks;
 pub use plid_work::{Progress, Silent};
 pub use simulation::{Alternative, Path as RefinementPath, Simulation};
 pub(crate) use start::{canonical, parameters};
+pub use stream::StreamedRun;
 pub use validate::{Errors, Validation};
 
 use std::path::Path;
@@ -37,14 +39,15 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use plid_core::{Dense, Health, IdentifiedModel, ImplicitModel, ObservableForm};
 
-use crate::experiment::{Experiment, IndicesChoice, StructureKind};
+use crate::experiment::{Experiment, IndicesChoice, NoiseSource, StructureKind};
 use crate::identify::{
     Bank, Ending, IdentifyError, Memory, OrderScan, Paused, Plan, RecursionRun, Samples, ScanRow, Search, Split,
-    ToModel, Trial, scan_orders, search_indices, tune,
+    ToModel, Trial, Watcher, scan_orders, search_indices, tune,
 };
 use error::setting;
 use noise::Known;
-use plid_catalogue::Conditions;
+use plid_catalogue::{Conditions, CovarianceName};
+use plid_data::prepare::stream::Streamed;
 use plid_data::prepare::{self, Prepared, excitation};
 use plid_data::{Warning, require_samples};
 use plid_model::{Model, Noise, undo_advance, undo_scaling};
@@ -97,6 +100,9 @@ pub struct Outcome {
     pub peaks: Vec<PeakRow>,
     /// The true plant, for simulated data at their original rate.
     pub truth: Option<Truth>,
+    /// The parts of a streamed record and its held-out errors; all other results are those of its window. `None` for
+    /// records in memory.
+    pub streamed: Option<StreamedRun>,
 }
 
 /// Carries out an experiment whose paths are relative to `base`. If `directory` is given, an interrupted run writes its
@@ -126,7 +132,13 @@ pub fn carry_out(
         }
         other => other,
     };
-    let (mut obtained, mut prepared) = data(&mut experiment, base)?;
+    let (mut obtained, mut prepared, streamed) = if experiment.data.stream {
+        let (obtained, window, streamed) = stream::data(&experiment, base, progress)?;
+        (obtained, window, Some(streamed))
+    } else {
+        let (obtained, prepared) = data(&mut experiment, base)?;
+        (obtained, prepared, None)
+    };
     let mut of_data = std::mem::take(&mut prepared.warnings);
     let training = training(&prepared);
     require_parts(&prepared, &training)?;
@@ -136,8 +148,9 @@ pub fn carry_out(
         may_go_on: &|| !progress.interrupted(),
         memory,
     };
-    let actor = Actor { experiment: &experiment, base, raw: &obtained.records, prepared: &prepared, progress };
-    let mut settled = match actor.settle(&training, &mut search, &mut of_data) {
+    let samples = streamed.as_ref().map_or_else(|| training.iter().map(Samples::len).sum(), |s| s.training);
+    let actor = Actor { experiment: &experiment, base, raw: &obtained.records, prepared: &prepared, samples, progress };
+    let mut settled = match actor.settle(&mut search, &mut of_data) {
         Err(error) => return Err(stopped(error, search.memory)),
         Ok(settled) => settled,
     };
@@ -150,14 +163,16 @@ pub fn carry_out(
     if form_is_open && let Some(paused) = &paused {
         plan.variant.covariance = paused.covariance;
     }
-    let run = match recursion(plan, form_is_open, &training, paused.as_ref(), progress, &mut warnings)? {
+    let record = Training { parts: &training, streamed: streamed.as_ref() };
+    let run = match recursion(plan, form_is_open, record, paused.as_ref(), progress, &mut warnings)? {
         Ending::Done(run) => *run,
         Ending::Paused(paused) => return Err(checkpoint::write(directory, &identity, search.memory, Some(*paused))),
     };
     experiment.variant.covariance = Some(plan.variant.covariance);
     let memory = search.memory;
     let identity = identity.clone();
-    let done = Done { experiment, identity, obtained, prepared, of_data, warnings, settled, form_is_open, run };
+    let done =
+        Done { experiment, identity, obtained, prepared, streamed, of_data, warnings, settled, form_is_open, run };
     done.conclude(progress).map_err(|error| stopped(error, memory))
 }
 
@@ -167,6 +182,7 @@ struct Done {
     identity: String,
     obtained: Obtained,
     prepared: Prepared,
+    streamed: Option<Streamed>,
     of_data: Vec<Warning>,
     warnings: Vec<String>,
     settled: Settled,
@@ -178,7 +194,8 @@ impl Done {
     /// Validates the model, and refines it for simulation.
     fn conclude(self, progress: &dyn Progress) -> Result<Outcome, RunError> {
         progress.stage("validation");
-        let Self { experiment, identity, obtained, prepared, of_data, mut warnings, settled, form_is_open, run } = self;
+        let Self { experiment, identity, obtained, prepared, streamed, of_data, mut warnings, settled, .. } = self;
+        let (form_is_open, run) = (self.form_is_open, self.run);
         let Settled { plan, conditions, scan, index_search, bank } = settled;
         let RecursionRun { innovations, health, identified } = run;
         let scaled = scaled_model(&identified, &prepared)?;
@@ -190,6 +207,7 @@ impl Done {
         let estimate = Estimate::new(&plan, &scaled, &identified, &innovations, &prepared, obtained.channel_rms)?;
         let gain = predictor.as_ref().map(|p| &p.gain);
         let state = &identified.state;
+        let streamed = streamed.map(|s| stream::held_out(&s, &scaled, gain, state, progress)).transpose()?;
         let validation = validate::validate(&experiment, &scaled, gain, state, innovations, &prepared, truth.as_ref())?;
         let (simulation, said) = if alone {
             (Simulation { best: "plid", ..Simulation::default() }, Vec::new())
@@ -197,8 +215,10 @@ impl Done {
             simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress)?
         };
         warnings.extend(said);
+        let steps = prepared.steps.iter().map(ToString::to_string);
         let mut outcome = Outcome {
-            steps: prepared.steps.iter().map(ToString::to_string).collect(),
+            steps: steps.chain(streamed.as_ref().map(StreamedRun::sentence)).collect(),
+            streamed,
             identity,
             sources: obtained.sources,
             advice: Vec::new(),
@@ -260,12 +280,28 @@ struct Settled {
     bank: Vec<Trial>,
 }
 
+/// The training data of a recursion: records in memory, or the one record that is streamed.
+#[derive(Clone, Copy)]
+struct Training<'a> {
+    parts: &'a [Samples<'a>],
+    streamed: Option<&'a Streamed>,
+}
+
+impl Training<'_> {
+    fn run(self, plan: &Plan, paused: Option<&Paused>, watcher: Watcher<'_>) -> Result<Ending, RunError> {
+        match self.streamed {
+            None => crate::identify::run(plan, self.parts, paused, watcher).map_err(RunError::Identify),
+            Some(streamed) => stream::run(plan, streamed, paused, watcher),
+        }
+    }
+}
+
 /// Runs the recursion of `plan`, or continues it. If the covariance form is open and is lost, Bierman UD takes its
 /// place in `plan` and a warning says so.
 fn recursion(
     plan: &mut Plan,
     form_is_open: bool,
-    training: &[Samples<'_>],
+    training: Training<'_>,
     paused: Option<&Paused>,
     progress: &dyn Progress,
     warnings: &mut Vec<String>,
@@ -278,16 +314,18 @@ fn recursion(
         }
         !progress.interrupted()
     };
-    if !form_is_open {
-        return crate::identify::run(plan, training, paused, &mut watcher).map_err(RunError::Identify);
+    let ending = training.run(plan, paused, &mut watcher);
+    let Err(RunError::Identify(error)) = &ending else { return ending };
+    match error.lost() {
+        Some(lost) if form_is_open && plan.variant.covariance != CovarianceName::BiermanUd => {
+            warnings
+                .push(format!("the recommended covariance form failed ({lost}); the run was repeated with Bierman UD"));
+            plan.variant.covariance = CovarianceName::BiermanUd;
+            told.store(0, Ordering::Relaxed);
+            training.run(plan, None, &mut watcher)
+        }
+        _ => ending,
     }
-    let (ending, lost) = crate::identify::run_or_factor(plan, training, paused, &mut watcher);
-    warnings.extend(
-        lost.map(|lost| {
-            format!("the recommended covariance form failed ({lost}); the run was repeated with Bierman UD")
-        }),
-    );
-    ending.map_err(RunError::Identify)
 }
 
 /// Returns R_ii of each scaled output, and the mean Sigma_ii.
@@ -305,7 +343,7 @@ fn is_comparable(truth: &Truth, prepared: &Prepared) -> bool {
 
 /// The data before and after preparation.
 fn data(experiment: &mut Experiment, base: &Path) -> Result<(Obtained, Prepared), RunError> {
-    let obtained = obtain(experiment, base)?;
+    let mut obtained = obtain(experiment, base)?;
     let mut shares = vec![1.0; obtained.records.len()];
     if let Some(last) = shares.last_mut() {
         *last = experiment.validation.training_share;
@@ -313,7 +351,10 @@ fn data(experiment: &mut Experiment, base: &Path) -> Result<(Obtained, Prepared)
     if experiment.preparation.repeats.as_ref().is_some_and(|r| r.period.is_none()) {
         shares.fill(experiment.validation.training_share);
     }
-    let prepared = prepare::prepare(obtained.records.clone(), &shares, &experiment.preparation)?;
+    // A record may be most of the memory: it is copied only for noise that is measured on the data as they are.
+    let is_measured = matches!(experiment.noise.from, NoiseSource::Converter | NoiseSource::ZeroInput);
+    let records = if is_measured { obtained.records.clone() } else { std::mem::take(&mut obtained.records) };
+    let prepared = prepare::prepare(records, &shares, &experiment.preparation)?;
     Ok((obtained, prepared))
 }
 
@@ -333,7 +374,9 @@ pub(crate) fn bank(experiment: &Experiment, base: &Path) -> Result<(Prepared, Op
     let mut experiment = experiment.clone();
     let (obtained, prepared) = data(&mut experiment, base)?;
     let record = &prepared.records[0];
-    let actor = Actor { experiment: &experiment, base, raw: &obtained.records, prepared: &prepared, progress: &Silent };
+    let samples = prepared.training.iter().sum();
+    let raw = obtained.records.as_slice();
+    let actor = Actor { experiment: &experiment, base, raw, prepared: &prepared, samples, progress: &Silent };
     let form = actor.form(experiment.structure.states, record.outputs.ncols(), record.inputs.ncols())?;
     let bank = match actor.known(&form)? {
         Known::All(_) => None,
@@ -346,22 +389,19 @@ pub(crate) fn bank(experiment: &Experiment, base: &Path) -> Result<(Prepared, Op
 struct Actor<'a> {
     experiment: &'a Experiment,
     base: &'a Path,
+    /// The records before preparation, if the noise is measured on them.
     raw: &'a [plid_data::Record],
     prepared: &'a Prepared,
+    /// Number of training samples of the recursion.
+    samples: usize,
     progress: &'a dyn Progress,
 }
 
 impl Actor<'_> {
     /// Settles structure, noise and covariance form. Warnings on the training data are added to `of_data`.
-    fn settle(
-        &self,
-        training: &[Samples<'_>],
-        search: &mut Search<'_>,
-        of_data: &mut Vec<Warning>,
-    ) -> Result<Settled, RunError> {
-        let Self { experiment, prepared, .. } = *self;
+    fn settle(&self, search: &mut Search<'_>, of_data: &mut Vec<Warning>) -> Result<Settled, RunError> {
+        let Self { experiment, prepared, samples, .. } = *self;
         let (p, m) = (prepared.records[0].outputs.ncols(), prepared.records[0].inputs.ncols());
-        let samples: usize = training.iter().map(Samples::len).sum();
         let (form, scan, index_search) = self.structure(p, m, search)?;
         of_data.extend(require_samples(samples, (p + m) * form.states())?);
         let segments = prepare::heads(&prepared.records, &prepared.training);

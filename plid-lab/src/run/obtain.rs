@@ -91,17 +91,24 @@ pub(crate) fn obtain(experiment: &mut Experiment, base: &Path) -> Result<Obtaine
 }
 
 fn read(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
-    let mut tables = Vec::new();
-    let mut sources = Vec::new();
+    let (mut records, mut sources, mut channel_rms) = (Vec::new(), Vec::new(), BTreeMap::new());
+    let mut warnings: Vec<data::Warning> = Vec::new();
+    // One table is held at a time.
     for file in &config.files {
         let table = data::read(&base.join(file), config.variable.as_deref())?;
-        sources.push(Source { file: file.display().to_string(), sha256: table.sha256.clone() });
-        tables.push(table);
+        let (record, more) =
+            data::select(&table, &config.inputs, &config.outputs, config.sample_rate_hz, config.missing)?;
+        records.push(record);
+        let new: Vec<_> = more.into_iter().filter(|warning| !warnings.contains(warning)).collect();
+        warnings.extend(new);
+        for (name, size) in largest_rms(table.names.iter().zip(table.columns.columns())) {
+            let entry = channel_rms.entry(name).or_insert(0.0);
+            *entry = size.max(*entry);
+        }
+        sources.push(Source { file: file.display().to_string(), sha256: table.sha256 });
     }
-    let (records, warnings) =
-        data::select_all(&tables, &config.inputs, &config.outputs, config.sample_rate_hz, config.missing)?;
-    let columns = tables.iter().flat_map(|table| table.names.iter().zip(table.columns.columns()));
-    let (warnings, channel_rms) = (warnings.iter().map(ToString::to_string).collect(), largest_rms(columns));
+    data::require_alike(&records)?;
+    let warnings = warnings.iter().map(ToString::to_string).collect();
     Ok(Obtained { records, sources, truth: None, warnings, channel_rms })
 }
 

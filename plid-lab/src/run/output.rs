@@ -2,7 +2,8 @@
 //! manifest.json, report.html and its first figure, frf.svg. Each is written atomically. The same run gives the same
 //! bytes, because no file contains a time or an absolute path.
 
-use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use plid_refine::{Noise, Score};
@@ -11,7 +12,7 @@ use serde_json::{Map, Value, json};
 
 use super::error::RunError;
 use super::validate::Errors;
-use super::{Alternative, CHECKPOINT, Outcome, PeakRow, report};
+use super::{Alternative, CHECKPOINT, Outcome, PeakRow, StreamedRun, report};
 use crate::experiment::to_toml;
 use plid_catalogue::Conditions;
 use plid_file::{Staged, to_json, to_value, write_atomic};
@@ -38,7 +39,8 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     };
     let json = |name: &str, value: &Value| put(name, strict_json(&directory.join(name), value)?.as_bytes());
     let (page, responses) = report::page(outcome)?;
-    put("innovations.csv", innovations(outcome).as_bytes())?;
+    let name = "innovations.csv";
+    innovations(outcome, &staged.path().join(name)).map_err(file_error(&directory.join(name)))?;
     with_provenance(outcome).write(&staged.path().join("model.json"))?;
     simulation_models(outcome, staged.path())?;
     json(MANIFEST, &manifest(outcome, &directory.join(MANIFEST))?)?;
@@ -157,27 +159,29 @@ fn mode(deviation: &ModeDeviation) -> Value {
     )
 }
 
-/// Returns the rows k, e_1, ..., e_p over all records, with k continuing from one record to the next; the cell of a
-/// missing sample is empty.
-fn innovations(outcome: &Outcome) -> String {
+/// Writes the rows k, e_1, ..., e_p over all records, with k continuing from one record to the next; the cell of a
+/// missing sample is empty. The rows of a streamed record are those of its window.
+fn innovations(outcome: &Outcome, path: &Path) -> io::Result<()> {
     let p = outcome.form.indices().len();
-    let mut text = String::from("k");
+    let mut text = BufWriter::new(File::create(path)?);
+    write!(text, "k")?;
     for i in 1..=p {
-        let _ = write!(text, ",e_{i}");
+        write!(text, ",e_{i}")?;
     }
-    text.push('\n');
+    writeln!(text)?;
+    let first = outcome.streamed.as_ref().map_or(0, |streamed| streamed.first);
     let rows = outcome.validation.innovations.iter().flat_map(|record| record.rows());
     for (k, row) in rows.enumerate() {
-        let _ = write!(text, "{k}");
+        write!(text, "{}", first + k)?;
         for e in row {
-            text.push(',');
+            write!(text, ",")?;
             if e.is_finite() {
-                let _ = write!(text, "{e}");
+                write!(text, "{e}")?;
             }
         }
-        text.push('\n');
+        writeln!(text)?;
     }
-    text
+    text.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
 }
 
 /// Returns the means recorded in `result.json` and in the model's provenance; the model applies to deviations from
@@ -288,7 +292,8 @@ fn result(outcome: &Outcome, path: &Path) -> Result<Value, RunError> {
         "states": states,
         "observability_indices": outcome.form.indices(),
         "joint_states": states * (record.input_names.len() + record.output_names.len() + 1),
-        "training_samples": outcome.prepared.training.iter().sum::<usize>(),
+        "training_samples":
+            outcome.streamed.as_ref().map_or_else(|| outcome.prepared.training.iter().sum::<usize>(), |s| s.training),
         "held_out_samples": validation.measured.nrows() - validation.training,
         "input_advanced_by": outcome.prepared.advanced,
         "operating_point": operating_point(outcome),
@@ -320,8 +325,26 @@ fn result(outcome: &Outcome, path: &Path) -> Result<Value, RunError> {
         ("input_advance_test", advance_test),
         ("predictor", outcome.predictor.as_ref().map(|predictor| json!(predictor))),
         ("order_scan", scan),
+        ("stream", outcome.streamed.as_ref().map(|streamed| stream(streamed, &outcome.model.outputs))),
     ];
     Ok(with(value, optional))
+}
+
+/// Returns the parts of a streamed record and the errors over all its held-out samples. The other figures of a run are
+/// those of the window.
+fn stream(streamed: &StreamedRun, outputs: &[String]) -> Value {
+    let all = json!({ "free_run": errors(&streamed.free_run, outputs) });
+    json!({
+        "samples": streamed.samples,
+        "training_samples": streamed.training,
+        "held_out_samples": streamed.samples - streamed.training,
+        "window": {
+            "first_sample": streamed.first,
+            "training_samples": streamed.window_training,
+            "held_out_samples": streamed.window_held_out,
+        },
+        "held_out": with(all, [("one_step", streamed.one_step.as_ref().map(|e| errors(e, outputs)))]),
+    })
 }
 
 fn held_out(outcome: &Outcome) -> Value {

@@ -1,6 +1,5 @@
 //! The report of a run: the verdict and the plots, followed by the detailed figures.
 
-use ndarray::Axis as Dimension;
 use num_complex::Complex64;
 
 use super::error::RunError;
@@ -104,7 +103,7 @@ fn traces(report: Report, outcome: &Outcome, record: &Record, rate: f64) -> Repo
     let columns: Vec<[Vec<f64>; 3]> = (0..record.output_names.len())
         .map(|i| {
             [&validation.measured, &validation.predicted, &validation.free_run]
-                .map(|array| array.index_axis(Dimension(1), i).to_vec())
+                .map(|array| array.slice(ndarray::s![..shown.end, i]).to_vec())
         })
         .collect();
     let traces: Vec<Trace<'_>> = columns

@@ -77,24 +77,28 @@ pub(super) fn validate(
     let residual = measured - &predicted;
     let tests = ResidualTests::of(experiment, prepared, prediction.as_ref().map(|_| residual.view()));
 
-    let mut all_innovations: Vec<Array2<f64>> = innovations.iter().map(|e| e * &scales).collect();
+    // Long records are most of the memory, so no more than one temporary array is held at a time.
+    let mut all_innovations: Vec<Array2<f64>> = innovations.into_iter().map(|e| e * &scales).collect();
+    let head = &record.outputs.slice(s![..training, ..]) * &scales;
+    let head_predicted = all_innovations.last().map_or_else(|| head.clone(), |e| &head - e);
     if let Some(own) = all_innovations.last_mut() {
         *own = concatenate![Axis(0), own.view(), residual.view()];
     }
-    let offset = offsets(prepared, last, 0, training + held);
-    let head = &record.outputs.slice(s![..training, ..]) * &scales;
-    let head_predicted = match innovations.last() {
-        Some(e) => &head - &(e * &scales),
-        None => head.clone(),
+    let whole = |head: Array2<f64>, tail: &Array2<f64>| {
+        let mut all = Array2::zeros((training + held, head.ncols()));
+        all.slice_mut(s![..training, ..]).assign(&head);
+        all.slice_mut(s![training.., ..]).assign(tail);
+        drop(head);
+        add_offsets(prepared, last, &mut all);
+        all
     };
-    let whole = |head: &Array2<f64>, tail: &Array2<f64>| concatenate![Axis(0), head.view(), tail.view()] + &offset;
     let nothing = Array2::from_elem(head.dim(), f64::NAN);
     Ok(Validation {
         training,
         inputs: unadvanced(prepared, last),
-        measured: whole(&head, measured),
-        predicted: whole(&head_predicted, &predicted),
-        free_run: whole(&nothing, free_run),
+        measured: whole(head, measured),
+        predicted: whole(head_predicted, &predicted),
+        free_run: whole(nothing, free_run),
         innovations: all_innovations,
         one_step_errors,
         free_run_errors,
@@ -191,6 +195,16 @@ pub(super) fn offsets(prepared: &Prepared, record: usize, first: usize, count: u
     Array2::from_shape_fn((count, lines.len()), |(k, i)| {
         lines[i].offset + lines[i].slope_per_s * ((first + k) as f64 / rate)
     })
+}
+
+/// Adds the [`offsets`] of a record in place.
+fn add_offsets(prepared: &Prepared, record: usize, outputs: &mut Array2<f64>) {
+    let rate = prepared.records[record].sample_rate_hz;
+    for (mut column, line) in outputs.columns_mut().into_iter().zip(&prepared.lines[record][1]) {
+        for (k, value) in column.iter_mut().enumerate() {
+            *value += line.offset + line.slope_per_s * (k as f64 / rate);
+        }
+    }
 }
 
 /// Returns the inputs of a record at the samples of its outputs, in the data's units; NaN for the first sample if it

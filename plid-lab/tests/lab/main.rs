@@ -3,3 +3,4 @@
 mod merge;
 mod refinement;
 mod run;
+mod stream;

@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 /// Two outputs, one input, four states: a pair of light modes seen by two sensors. y = C x + D u.
-struct Plant {
+pub(super) struct Plant {
     a: [[f64; 4]; 4],
     b: [f64; 4],
     c: [[f64; 4]; 2],
@@ -21,7 +21,7 @@ struct Plant {
 }
 
 impl Plant {
-    fn new(direct: bool) -> Self {
+    pub(super) fn new(direct: bool) -> Self {
         let (r1, w1, r2, w2) = (0.97f64, 0.6f64, 0.95f64, 1.3f64);
         Self {
             a: [
@@ -49,7 +49,7 @@ impl Plant {
     }
 
     /// t, u, y1, y2 at 100 Hz with means; `noise` RMS on the outputs.
-    fn csv(&self, samples: usize, noise: f64, seed: u64) -> String {
+    pub(super) fn csv(&self, samples: usize, noise: f64, seed: u64) -> String {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
         let mut text = String::from("t,force,left,right\n");
@@ -66,14 +66,14 @@ impl Plant {
     }
 }
 
-fn config(files: &str, rest: &str) -> Experiment {
+pub(super) fn config(files: &str, rest: &str) -> Experiment {
     let text = format!(
         "name = \"small\"\n[data]\nfiles = [{files}]\ninputs = [\"force\"]\noutputs = [\"left\", \"right\"]\n{rest}"
     );
     experiment::from_toml(&text, "test").unwrap()
 }
 
-fn carry_out(experiment: &Experiment, base: &Path) -> Outcome {
+pub(super) fn carry_out(experiment: &Experiment, base: &Path) -> Outcome {
     run::carry_out(experiment, base, None, false, &Silent).unwrap()
 }
 
@@ -218,7 +218,7 @@ fn an_output_that_never_moves_does_not_diverge() {
 }
 
 /// Asks for an end at the n-th question.
-struct StopAt(AtomicUsize, usize);
+pub(super) struct StopAt(pub(super) AtomicUsize, pub(super) usize);
 
 impl Progress for StopAt {
     fn stage(&self, _name: &str) {}

@@ -70,10 +70,109 @@ pub fn error_measures(measured: ArrayView2<f64>, predicted: ArrayView2<f64>) -> 
     Ok(result)
 }
 
+/// The sums behind [`error_measures`], for records that are not held in memory.
+#[derive(Debug, Clone)]
+pub struct ErrorSums(Vec<OutputSums>);
+
+/// The sums of one output.
+#[derive(Debug, Clone, Default)]
+struct OutputSums {
+    samples: usize,
+    errors: f64,
+    squares: f64,
+    /// The first sample, from which the next two sums are taken so that they keep their digits.
+    first: f64,
+    from_first: f64,
+    from_first_squares: f64,
+}
+
+impl ErrorSums {
+    /// Starts with no samples of `outputs` outputs.
+    pub fn new(outputs: usize) -> Self {
+        Self(vec![OutputSums::default(); outputs])
+    }
+
+    /// Adds samples of `predicted` against `measured` (both `samples x p`), as in [`error_measures`].
+    ///
+    /// # Errors
+    /// Returns the errors of [`error_measures`] except [`SignalError::TooShort`].
+    pub fn add(&mut self, measured: ArrayView2<f64>, predicted: ArrayView2<f64>) -> Result<(), SignalError> {
+        check_rows("the predicted output", predicted, measured.nrows())?;
+        for (what, found) in [("the measured output", measured.ncols()), ("the predicted output", predicted.ncols())] {
+            if found != self.0.len() {
+                return Err(SignalError::ChannelMismatch { what, expected: self.0.len(), found });
+            }
+        }
+        for (sums, (y, prediction)) in self.0.iter_mut().zip(measured.columns().into_iter().zip(predicted.columns())) {
+            for (&y, &prediction) in y.iter().zip(prediction).filter(|(y, _)| !y.is_nan()) {
+                if sums.samples == 0 {
+                    sums.first = y;
+                }
+                let error = y - prediction;
+                sums.samples += 1;
+                sums.errors += if error.is_finite() { error * error } else { f64::INFINITY };
+                sums.squares += y * y;
+                sums.from_first += y - sums.first;
+                sums.from_first_squares += (y - sums.first).powi(2);
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the measures of all samples so far.
+    ///
+    /// # Errors
+    /// Returns [`SignalError::TooShort`] for an output without samples.
+    pub fn measures(&self) -> Result<ErrorMeasures, SignalError> {
+        if self.0.iter().any(|sums| sums.samples == 0) {
+            return Err(SignalError::TooShort { what: "an error measure", unit: "samples", needed: 1, available: 0 });
+        }
+        let n = |sums: &OutputSums| sums.samples as f64;
+        let error = |sums: &OutputSums| (sums.errors / n(sums)).sqrt();
+        let size = |sums: &OutputSums| (sums.squares / n(sums)).sqrt();
+        let spread = |sums: &OutputSums| {
+            (sums.from_first_squares / n(sums) - (sums.from_first / n(sums)).powi(2)).max(0.0).sqrt()
+        };
+        let over = |a: f64, b: f64| if b > 0.0 { a / b } else { f64::NAN };
+        let each = |of: &dyn Fn(&OutputSums) -> f64| self.0.iter().map(of).collect::<Vec<f64>>();
+        let sized = || self.0.iter().filter(|sums| size(sums) > 0.0);
+        let scaled_error: f64 = sized().map(|sums| n(sums) * (error(sums) / size(sums)).powi(2)).sum();
+        Ok(ErrorMeasures {
+            rms_error: each(&error),
+            relative: each(&|sums| over(error(sums), size(sums))),
+            fit_percent: each(&|sums| 100.0 * (1.0 - over(error(sums), spread(sums)))),
+            samples: self.0.iter().map(|sums| sums.samples).collect(),
+            overall_relative: (scaled_error / sized().map(n).sum::<f64>()).sqrt(),
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use ndarray::{Array2, array};
+
+    /// Two blocks give the measures of the whole, with a large mean, a missing sample and an output that is zero.
+    #[test]
+    fn sums_over_blocks_are_the_measures_of_the_whole() {
+        let mut y = Array2::from_shape_fn((40, 3), |(k, i)| [1e4, 1.0, 0.0][i] * (1.0 + (k as f64).sin()));
+        let predicted = y.mapv(|y| 0.9 * y + 0.1);
+        y[[7, 0]] = f64::NAN;
+        let whole = error_measures(y.view(), predicted.view()).unwrap();
+        let mut sums = ErrorSums::new(3);
+        for rows in [0..11, 11..40] {
+            let rows = ndarray::s![rows, ..];
+            sums.add(y.slice(rows), predicted.slice(rows)).unwrap();
+        }
+        let found = sums.measures().unwrap();
+        let close = |a: &f64, b: &f64| (a - b).abs() <= 1e-12 * b.abs() || a.is_nan() && b.is_nan();
+        let all = |m: &ErrorMeasures| [&m.rms_error[..], &m.relative, &m.fit_percent, &[m.overall_relative]].concat();
+        assert!(all(&found).iter().zip(&all(&whole)).all(|(a, b)| close(a, b)), "{found:?} {whole:?}");
+        assert_eq!(found.samples, [39, 40, 40]);
+        sums.add(y.view(), predicted.mapv(|_| f64::NAN).view()).unwrap();
+        assert!(sums.measures().unwrap().overall_relative.is_infinite());
+        assert!(ErrorSums::new(1).measures().is_err());
+    }
 
     #[test]
     fn figures_worked_by_hand() {

@@ -20,7 +20,7 @@ pub use convergence::{Convergence, ConvergenceBin, convergence};
 pub use correlation::{Correlation, CorrelationTest};
 pub use cross_correlation::{CrossCorrelationOptions, cross_correlation};
 pub use error::SignalError;
-pub use error_measures::{ErrorMeasures, error_measures};
+pub use error_measures::{ErrorMeasures, ErrorSums, error_measures};
 pub use frf::{WelchFrf, welch_frf};
 pub use periodic::{PeriodicFrf, PeriodicRecord, period_noise_rms, periodic_frf};
 pub use spectra::{Spectra, WelchOptions, welch_spectra};
