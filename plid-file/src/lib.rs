@@ -1,7 +1,7 @@
 //! How plid writes files.
 //!
 //! - [`write_atomic`] writes a file whole or not at all.
-//! - [`write_folder`] does the same for a new folder.
+//! - [`Folders`] does the same for new folders in one place.
 //! - [`Staged`] does the same for several files that belong together in one folder.
 //! - [`Scratch`] is a temporary folder, which is also removed if its process is killed.
 //! - [`to_json`] refuses a number that is not finite, because JSON has none.
@@ -19,7 +19,7 @@ mod staged;
 mod strict;
 
 pub use atomic::write_atomic;
-pub use folder::write_folder;
+pub use folder::Folders;
 #[cfg(feature = "hash")]
 pub use hash::{digest, executable_sha256, hex, sha256};
 pub use name::file_name;
