@@ -4,7 +4,7 @@
 //! - [`Folders`] does the same for new folders in one place.
 //! - [`Staged`] does the same for several files that belong together in one folder.
 //! - [`Scratch`] is a temporary folder, which is also removed if its process is killed.
-//! - [`to_json`] refuses a number that is not finite, because JSON has none.
+//! - [`to_json`] and [`to_line`] refuse a number that is not finite, because JSON has none.
 //! - [`file_name`] turns any name into one that stays in its folder.
 //! - With the feature `hash`, `sha256` identifies files by their content.
 
@@ -25,4 +25,4 @@ pub use hash::{digest, executable_sha256, hex, sha256};
 pub use name::file_name;
 pub use scratch::Scratch;
 pub use staged::Staged;
-pub use strict::{NotFinite, require_finite, to_json, to_value};
+pub use strict::{NotFinite, require_finite, to_json, to_line, to_value};
