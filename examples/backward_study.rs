@@ -25,6 +25,7 @@ use plid::gap::answer::predict::Predictor;
 use plid::gap::answer::schema::Value;
 use plid::gap::case::{Case, columns};
 use plid::gap::effects::Library;
+use plid::model::to_json;
 use plid::testbed::gap::{EffectSpec, GapCase, GapError, GapSpec, LabelledEffect, draw};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -138,7 +139,7 @@ fn one(effect: &str, seed: u64, arguments: &Arguments) -> Result<Found, Box<dyn 
     let found = plant_and_find(effect, seed, spec)?;
     if let Some(file) = file {
         let beside = file.with_extension("part");
-        fs::write(&beside, serde_json::to_string(&found)?)?;
+        fs::write(&beside, to_json(&found)?)?;
         fs::rename(beside, file)?;
     }
     Ok(found)

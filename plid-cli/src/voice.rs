@@ -2,6 +2,9 @@
 
 use std::io::{self, ErrorKind, Write};
 
+use plid_file::to_json;
+use serde::Serialize;
+
 use super::Failure;
 
 /// How much is printed, and in which format.
@@ -20,6 +23,11 @@ pub fn print(text: &str) -> Result<(), Failure> {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::work(format!("standard output: {error}"))),
         _ => Ok(()),
     }
+}
+
+/// Prints a result as JSON. A number that is not finite is refused, because JSON has none.
+pub fn json(value: &impl Serialize) -> Result<(), Failure> {
+    print(&to_json(value).map_err(Failure::work)?)
 }
 
 /// Prints a remark; a failure to print it is ignored.

@@ -46,14 +46,23 @@ pub(crate) fn claim(path: &Path) -> io::Result<Option<Lock>> {
 /// Removes the temporary entries for `name` in `folder` that belong to no process. Errors are ignored, because
 /// a leftover is only untidy.
 pub(crate) fn clear(folder: &Path, name: &OsStr) {
-    let prefix = prefix(name);
+    remove(folder, &prefix(name));
+}
+
+/// Removes all temporary entries in `folder` that belong to no process, whatever they are for.
+pub(crate) fn clear_all(folder: &Path) {
+    remove(folder, ".");
+}
+
+/// Removes the temporary entries whose names begin with `prefix`.
+fn remove(folder: &Path, prefix: &str) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
         let found = entry.file_name();
         let found = found.to_string_lossy();
         // A pipe of this name, which anybody may put into a shared folder, would have no end when it is opened.
         let own = entry.file_type().is_ok_and(|kind| kind.is_dir() || kind.is_file());
-        if !own || !found.starts_with(&prefix) || !found.ends_with(SUFFIX) {
+        if !own || !found.starts_with(prefix) || !found.ends_with(SUFFIX) {
             continue;
         }
         let path = entry.path();

@@ -1,10 +1,10 @@
 //! How plid writes files.
 //!
 //! - [`write_atomic`] writes a file whole or not at all.
-//! - [`write_folder`] does the same for a new folder.
+//! - [`Folders`] does the same for new folders in one place.
 //! - [`Staged`] does the same for several files that belong together in one folder.
 //! - [`Scratch`] is a temporary folder, which is also removed if its process is killed.
-//! - [`to_json`] refuses a number that is not finite, because JSON has none.
+//! - [`to_json`] and [`to_line`] refuse a number that is not finite, because JSON has none.
 //! - [`file_name`] turns any name into one that stays in its folder.
 //! - With the feature `hash`, `sha256` identifies files by their content, and `Hashing` those too large to be held.
 
@@ -19,10 +19,10 @@ mod staged;
 mod strict;
 
 pub use atomic::write_atomic;
-pub use folder::write_folder;
+pub use folder::Folders;
 #[cfg(feature = "hash")]
 pub use hash::{Hashing, digest, executable_sha256, hex, sha256};
 pub use name::file_name;
 pub use scratch::Scratch;
 pub use staged::Staged;
-pub use strict::{NotFinite, require_finite, to_json, to_value};
+pub use strict::{NotFinite, require_finite, to_json, to_line, to_value};

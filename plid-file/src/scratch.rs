@@ -26,6 +26,11 @@ impl Scratch {
     pub fn new(parent: &Path, name: impl AsRef<OsStr>) -> io::Result<Self> {
         let name = name.as_ref();
         clear(parent, name);
+        Self::unsearched(parent, name)
+    }
+
+    /// Makes a temporary folder in `parent` without a search for those that killed processes left there.
+    pub(crate) fn unsearched(parent: &Path, name: &OsStr) -> io::Result<Self> {
         loop {
             let folder = Builder::new().prefix(&prefix(name)).suffix(SUFFIX).tempdir_in(parent)?;
             if let Some(lock) = claim(folder.path())? {

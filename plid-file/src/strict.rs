@@ -1,7 +1,7 @@
 //! JSON without `null` where a number belongs.
 //!
 //! JSON has no NaN and no infinity: serde writes `null` in their place, and a reader then finds no number, or does not
-//! notice at all. [`to_json`] therefore checks every number of a value before it writes anything, and names the first
+//! notice at all. [`to_json`] and [`to_line`] therefore check every number of a value before they write anything, and name the first
 //! one that is not finite by its path. A `null` inside a [`serde_json::Value`] is refused as well, because it may have
 //! been such a number. A value that is not available has no key: a typed field is an `Option` that is skipped if it is
 //! `None`.
@@ -32,6 +32,20 @@ pub struct NotFinite {
 pub fn to_json<T: Serialize + ?Sized>(value: &T) -> Result<String, NotFinite> {
     require_finite(value)?;
     let mut text = serde_json::to_string_pretty(value).expect("plain data are JSON by construction");
+    text.push('\n');
+    Ok(text)
+}
+
+/// Returns a value as one line of JSON with a newline at its end.
+///
+/// # Errors
+/// Returns [`NotFinite`] for the first number that is not finite.
+///
+/// # Panics
+/// Panics as [`to_json`] does.
+pub fn to_line<T: Serialize + ?Sized>(value: &T) -> Result<String, NotFinite> {
+    require_finite(value)?;
+    let mut text = serde_json::to_string(value).expect("plain data are JSON by construction");
     text.push('\n');
     Ok(text)
 }
@@ -306,7 +320,12 @@ mod tests {
     fn a_number_that_is_not_finite_is_named_by_its_path() {
         let fine = outer(1.0, 2.0, 3.0, 4.0);
         assert_eq!(to_json(&fine).unwrap(), serde_json::to_string_pretty(&fine).unwrap() + "\n");
-        let said = |outer: &Outer| to_json(outer).unwrap_err();
+        assert_eq!(to_line(&fine).unwrap(), serde_json::to_string(&fine).unwrap() + "\n");
+        let said = |outer: &Outer| {
+            let error = to_json(outer).unwrap_err();
+            assert_eq!(to_line(outer).unwrap_err(), error);
+            error
+        };
         let nan = said(&outer(f64::NAN, 2.0, 3.0, 4.0));
         assert_eq!(nan.path, "parts[1].k.value");
         assert!(nan.to_string().contains("is NaN"), "{nan}");

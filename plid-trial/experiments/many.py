@@ -5,8 +5,8 @@
 
 Draws a trial of tiny cases (one channel, short records, the effect sensor-offset) into the new folder OUT and lets the
 program diagnose the first one. That answer is copied to all other cases, as shards would have left it, so the scores
-mean nothing. Then the shards are merged and scored. Printed are the time and the largest memory of each step, and the
-files, folders, bytes and blocks on the disk of each folder.
+mean nothing. Then the shards are merged and scored. Printed are the time, the processor time and the largest memory of
+each step, and the files, folders, bytes and blocks on the disk of each folder.
 """
 
 import argparse
@@ -30,14 +30,15 @@ channels = [{{ inputs = 1, outputs = 1 }}]
 
 
 def step(name, program, *arguments):
-    """Runs the program, and prints its time and its largest memory."""
+    """Runs the program, and prints its time, its processor time and its largest memory."""
     start = time.monotonic()
     process = subprocess.Popen([program, "--quiet", *map(str, arguments)], stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     seconds = time.monotonic() - start
     if status != 0:
         sys.exit(f"{name} failed")
-    print(f"{name:<10} {seconds:8.1f} s {usage.ru_maxrss / 1024:8.0f} MiB", flush=True)
+    processor = usage.ru_utime + usage.ru_stime
+    print(f"{name:<10} {seconds:8.1f} s {processor:8.1f} s of a core {usage.ru_maxrss / 1024:8.0f} MiB", flush=True)
 
 
 def share_out(trial, shards):

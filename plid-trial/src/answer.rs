@@ -1,6 +1,6 @@
 //! The answer to a case on disk: its files, and answer.json with their hashes.
 
-use plid_file::{sha256, write_folder};
+use plid_file::{Folders, sha256};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::ErrorKind;
@@ -45,7 +45,7 @@ pub(crate) struct Seconds {
 /// Writes an answer whole or not at all. Another process may have given the same answer in the meantime, such as a task
 /// of a cluster that was believed to be dead.
 pub(crate) fn write(
-    answers: &Path,
+    answers: &Folders,
     case: &str,
     answer: Result<Answer, String>,
     seconds: f64,
@@ -56,14 +56,14 @@ pub(crate) fn write(
     };
     let hashes = content.iter().map(|(name, bytes)| ((*name).to_owned(), sha256(bytes))).collect();
     let answered = Answered { case: case.to_owned(), failed, program: Program::this()?, files: hashes };
-    let place = answers.join(case);
+    let place = answers.path().join(case);
     let own = [
         (SECONDS, files::json(&place.join(SECONDS), &Seconds { seconds })?),
         (ANSWER, files::json(&place.join(ANSWER), &answered)?),
     ];
     let all = content.iter().chain(own.iter().map(|(name, bytes)| (name, bytes)));
-    match write_folder(&place, all.map(|(name, bytes)| (*name, bytes.as_slice()))) {
-        Err(error) if error.kind() == ErrorKind::AlreadyExists => match read(answers, case)? {
+    match answers.write(case, all.map(|(name, bytes)| (*name, bytes.as_slice()))) {
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => match read(answers.path(), case)? {
             Some((theirs, _)) if theirs == answered => Ok(()),
             _ => Err(TrialError::Changed { case: case.to_owned(), since: "another process gave it" }),
         },
@@ -129,19 +129,21 @@ mod tests {
         // What a crash left is removed.
         fs::create_dir(at.join(".case-1.x.plid-tmp")).unwrap();
         fs::write(at.join(".case-1.x.plid-tmp/half"), "x").unwrap();
-        write(at, "case-1", Ok(Answer::from([("a.json", b"1".to_vec())])), 2.0).unwrap();
+        let answers = Folders::new(at).unwrap();
+        assert_eq!(fs::read_dir(at).unwrap().count(), 0);
+        write(&answers, "case-1", Ok(Answer::from([("a.json", b"1".to_vec())])), 2.0).unwrap();
         let (answered, _) = read(at, "case-1").unwrap().unwrap();
         assert_eq!(answered.files["a.json"], sha256(b"1"));
-        assert!(!at.join("case-1/half").exists());
         assert_eq!(seconds(at, "case-1").unwrap(), 2.0);
-        write(at, "case-2", Err("no".to_owned()), 0.0).unwrap();
+        write(&answers, "case-2", Err("no".to_owned()), 0.0).unwrap();
         assert_eq!(read(at, "case-2").unwrap().unwrap().0.failed.as_deref(), Some("no"));
     }
 
     #[test]
     fn an_answer_may_be_given_twice_if_it_is_the_same() {
         let directory = tempfile::tempdir().unwrap();
-        let give = |content: &[u8]| write(directory.path(), "case-1", Ok([("a.json", content.to_vec())].into()), 1.0);
+        let answers = Folders::new(directory.path()).unwrap();
+        let give = |content: &[u8]| write(&answers, "case-1", Ok([("a.json", content.to_vec())].into()), 1.0);
         give(b"1").unwrap();
         give(b"1").unwrap();
         assert!(give(b"2").unwrap_err().to_string().contains("since another process gave it"));
@@ -151,7 +153,7 @@ mod tests {
     fn a_changed_file_is_found_with_its_case() {
         let directory = tempfile::tempdir().unwrap();
         let at = directory.path();
-        write(at, "case-7", Ok(Answer::from([("a.json", b"1".to_vec())])), 0.0).unwrap();
+        write(&Folders::new(at).unwrap(), "case-7", Ok(Answer::from([("a.json", b"1".to_vec())])), 0.0).unwrap();
         fs::write(at.join("case-7/a.json"), "2").unwrap();
         assert!(read(at, "case-7").unwrap_err().to_string().starts_with("case-7: the answer has changed"));
         fs::remove_file(at.join("case-7/a.json")).unwrap();

@@ -1,6 +1,6 @@
 //! The diagnosis of all cases of a trial, from the trial's directory alone.
 
-use plid_file::sha256;
+use plid_file::{Folders, sha256};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -129,7 +129,7 @@ pub(crate) fn answer_all(
     answerer: &Answerer<'_>,
     progress: &dyn Progress,
 ) -> Result<Done, TrialError> {
-    files::make(&answers)?;
+    let written = Folders::new(&answers).map_err(TrialError::file(&answers))?;
     let open = unanswered(&answers, ours, &Program::this()?)?;
     let before = ours.len() - open.len();
     progress.advance(before, ours.len());
@@ -159,7 +159,7 @@ pub(crate) fn answer_all(
             let clock = Instant::now();
             let folder = case.folder(trial);
             let given = caught(|| pool.install(|| answerer(&folder, &case.without)));
-            if let Err(error) = answer::write(&answers, &case.case, given, clock.elapsed().as_secs_f64()) {
+            if let Err(error) = answer::write(&written, &case.case, given, clock.elapsed().as_secs_f64()) {
                 fail(error);
                 break;
             }

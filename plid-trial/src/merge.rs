@@ -1,6 +1,6 @@
 //! Merges shards, each of which must be present exactly once.
 
-use plid_file::{sha256, write_folder};
+use plid_file::{Folders, sha256};
 use plid_work::{SHARD, require_whole, shard_folders};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ pub fn merge(trial: &Path, folders: &[PathBuf]) -> Result<usize, TrialError> {
 
 /// Copies the answers of all shards that are not there yet; those that are there must be the same.
 fn copy_all(answers: &Path, shards: &[(PathBuf, Vec<String>)]) -> Result<(), TrialError> {
-    files::make(answers)?;
+    let merged = Folders::new(answers).map_err(TrialError::file(answers))?;
     for (folder, cases) in shards {
         for case in cases {
             let Some((_, theirs)) = answer::read(folder, case)? else {
@@ -67,7 +67,7 @@ fn copy_all(answers: &Path, shards: &[(PathBuf, Vec<String>)]) -> Result<(), Tri
                 return Err(TrialError::Shards(format!("{shown}: the answer to {case} is missing")));
             };
             match answer::read(answers, case)? {
-                None => copy(&folder.join(case), answers, case)?,
+                None => copy(&folder.join(case), &merged, case)?,
                 Some((_, ours)) if ours == theirs => {}
                 Some(_) => {
                     return Err(TrialError::Changed { case: case.clone(), since: "it was merged before" });
@@ -79,14 +79,13 @@ fn copy_all(answers: &Path, shards: &[(PathBuf, Vec<String>)]) -> Result<(), Tri
 }
 
 /// Copies a folder of plain files, whole.
-fn copy(from: &Path, answers: &Path, case: &str) -> Result<(), TrialError> {
+fn copy(from: &Path, merged: &Folders, case: &str) -> Result<(), TrialError> {
     let mut content = Vec::new();
     for entry in fs::read_dir(from).map_err(TrialError::file(from))? {
         let path = entry.map_err(TrialError::file(from))?.path();
         let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
         content.push((name.to_owned(), files::read(&path)?));
     }
-    let place = answers.join(case);
-    let written = write_folder(&place, content.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice())));
-    written.map_err(TrialError::file(place))
+    let written = merged.write(case, content.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice())));
+    written.map_err(TrialError::file(merged.path().join(case)))
 }

@@ -19,6 +19,8 @@ use std::path::Path;
 pub use cell::{Cell, Finished, Score};
 pub use config::{Config, FULL, InClass, QUICK, Scalar, Truss};
 
+use plid_file::to_json;
+
 use crate::study::{
     self, Journal, Machine, Progress, Shard, StudyError, merge_shards, to_toml, write, write_csv, write_json,
 };
@@ -32,6 +34,16 @@ pub struct Study {
     pub verdict: Vec<String>,
 }
 
+impl Study {
+    /// Returns the content of expectations.json: all cells.
+    ///
+    /// # Errors
+    /// [`StudyError::NotFinite`] with the place of a number that is not finite.
+    pub fn json(&self) -> Result<String, StudyError> {
+        to_json(&self.cells).map_err(StudyError::not_finite("expectations.json"))
+    }
+}
+
 /// Runs the study of `config` and writes report.html, expectations.csv, expectations.json, machine.json and config.toml
 /// into `directory`. With `resume`, the cells in its journal are not run again.
 ///
@@ -41,13 +53,15 @@ pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progr
     let text = to_toml(config);
     let machine = Machine::here();
     let finished = measure(config, directory, None, resume, progress)?;
-    write_json(&directory.join("expectations.json"), &finished)?;
-    write_csv(&directory.join("expectations.csv"), table::rows(config, &finished))?;
+    let study = Study { verdict: verdict::sentences(&finished), cells: finished };
+    write(&directory.join("expectations.json"), study.json()?)?;
+    let finished = &study.cells;
+    write_csv(&directory.join("expectations.csv"), table::rows(config, finished))?;
     write_json(&directory.join("machine.json"), &machine)?;
     write(&directory.join("config.toml"), &text)?;
-    let page = report::page(config, &finished, &machine, &text);
+    let page = report::page(config, finished, &machine, &text);
     write(&directory.join("report.html"), page.to_html())?;
-    Ok(Study { verdict: verdict::sentences(&finished), cells: finished })
+    Ok(study)
 }
 
 /// Runs the cells of a shard in its own folder in `directory`.
@@ -98,4 +112,26 @@ fn measure(
         finished.extend(journal.get(&key).cloned());
     }
     Ok(finished)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_figure_that_is_not_finite_is_refused_by_its_path() {
+        let cell = |sigma| Finished {
+            plant: "scalar".into(),
+            signal_to_noise: 10.0,
+            sigma,
+            runs: 1,
+            reference: None,
+            scores: Vec::new(),
+        };
+        let study = |sigma| Study { cells: vec![cell(1.0), cell(sigma)], verdict: Vec::new() };
+        let read: Vec<Finished> = serde_json::from_str(&study(2.0).json().unwrap()).unwrap();
+        assert_eq!(read, study(2.0).cells);
+        let refused = study(f64::NAN).json().unwrap_err().to_string();
+        assert!(refused.contains("expectations.json: `[1].sigma` is NaN"), "{refused}");
+    }
 }

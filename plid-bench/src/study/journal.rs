@@ -3,7 +3,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use plid_file::{require_finite, sha256};
+use plid_file::{sha256, to_line};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -60,6 +60,7 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
         };
         let whole = old.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
         let cells = cells(&path, &head, &old[..whole])?;
+        let head = line(&path, &head)?;
         let file = open_at(&path, whole, &head).map_err(StudyError::file(&path))?;
         Ok(Self { path, file, cells })
     }
@@ -67,14 +68,18 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
     /// Writes the journal of `study` in `directory`, in place of one that is there, with these cells.
     ///
     /// # Errors
-    /// [`StudyError::File`]
+    /// Returns [`StudyError::NotFinite`] or [`StudyError::File`].
     ///
     /// # Panics
     /// Panics if the type cannot be JSON, which is a fault of the type and not of its value.
     pub fn replace(directory: &Path, study: &str, config: &str, cells: &BTreeMap<String, T>) -> Result<(), StudyError> {
         let head = Head { study: study.into(), config_sha256: sha256(config) };
-        let text: String = cells.iter().map(|(key, cell)| line(&Line { key, cell })).collect();
-        write(&directory.join(NAME), line(&head) + &text)
+        let path = directory.join(NAME);
+        let mut text = line(&path, &head)?;
+        for (key, cell) in cells {
+            text += &line(&path, &Line { key, cell })?;
+        }
+        write(&path, text)
     }
 
     /// Appends a finished cell, which replaces an earlier one with the same key.
@@ -85,12 +90,9 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
     /// # Panics
     /// Panics if the type cannot be JSON, which is a fault of the type and not of its value.
     pub fn append(&mut self, key: &str, cell: T) -> Result<(), StudyError> {
-        require_finite(&cell).map_err(StudyError::not_finite(&self.path))?;
+        let line = line(&self.path, &Line { key, cell: &cell })?;
         // One write, so that what is torn is the last line.
-        self.file
-            .write_all(line(&Line { key, cell: &cell }).as_bytes())
-            .and_then(|()| self.file.flush())
-            .map_err(StudyError::file(&self.path))?;
+        self.file.write_all(line.as_bytes()).and_then(|()| self.file.flush()).map_err(StudyError::file(&self.path))?;
         self.cells.insert(key.into(), cell);
         Ok(())
     }
@@ -137,16 +139,17 @@ fn cells<T: DeserializeOwned>(path: &Path, head: &Head, bytes: &[u8]) -> Result<
         .collect()
 }
 
-fn line(content: &impl Serialize) -> String {
-    serde_json::to_string(content).expect("heads and cells are JSON by construction") + "\n"
+/// A line of the journal at `path`.
+fn line(path: &Path, content: &impl Serialize) -> Result<String, StudyError> {
+    to_line(content).map_err(StudyError::not_finite(path))
 }
 
 /// Opens the file, truncated to its first `whole` bytes, for appending.
-fn open_at(path: &Path, whole: usize, head: &Head) -> io::Result<File> {
+fn open_at(path: &Path, whole: usize, head: &str) -> io::Result<File> {
     let file = OpenOptions::new().create(true).append(true).open(path)?;
     file.set_len(whole as u64)?;
     if whole == 0 {
-        (&file).write_all(line(head).as_bytes())?;
+        (&file).write_all(head.as_bytes())?;
     }
     Ok(file)
 }
@@ -182,6 +185,21 @@ mod tests {
         fs::write(at.join(NAME), &whole).unwrap();
         assert!(open(at, "config", false).unwrap().cells().is_empty());
         assert!(open(at, "config", true).unwrap().cells().is_empty());
+    }
+
+    #[test]
+    fn a_cell_that_is_not_finite_is_refused_and_not_written() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = directory.path();
+        let mut journal = open(at, "config", false).unwrap();
+        journal.append("a", 1.0).unwrap();
+        let before = fs::read_to_string(at.join(NAME)).unwrap();
+        let refused = journal.append("b", f64::NAN).unwrap_err().to_string();
+        assert!(refused.contains("cells.jsonl: `cell` is NaN"), "{refused}");
+        let cells = BTreeMap::from([("a".to_owned(), 1.0), ("b".to_owned(), f64::INFINITY)]);
+        let refused = Journal::replace(at, "test", "config", &cells).unwrap_err().to_string();
+        assert!(refused.contains("cells.jsonl: `cell` is inf"), "{refused}");
+        assert_eq!(fs::read_to_string(at.join(NAME)).unwrap(), before);
     }
 
     #[test]

@@ -50,7 +50,7 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
         Ok(study?)
     })?;
     if voice.json {
-        voice::print(&format!("{}\n", serde_json::to_string_pretty(&study.cells).map_err(Failure::work)?))
+        voice::print(&study.json()?)
     } else if voice.quiet {
         Ok(())
     } else {

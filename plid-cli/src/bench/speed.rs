@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use plid_bench::speed::compare::{self, Comparison};
-use plid_bench::speed::{self, Config, FULL, Outcome, QUICK, peers};
+use plid_bench::speed::{self, Config, FULL, Outcome, QUICK, Target, peers};
+use serde::Serialize;
 
 use super::Common;
 use crate::progress::Bar;
@@ -57,7 +58,7 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     })?;
     let comparison = old.map(|old| compare::compare(&old, &outcome, arguments.tolerance));
     if voice.json {
-        voice::print(&json(&outcome, comparison.as_ref()))?;
+        voice::json(&Said { targets: speed::targets(&outcome, None), comparison: comparison.as_ref() })?;
     } else if !voice.quiet {
         let compared = comparison.as_ref().map(Comparison::text).unwrap_or_default();
         voice::print(&format!("{}{compared}report: {}\n", summary(&outcome), out.join("report.html").display()))?;
@@ -87,7 +88,9 @@ fn summary(outcome: &Outcome) -> String {
     text
 }
 
-fn json(outcome: &Outcome, comparison: Option<&Comparison>) -> String {
-    let value = serde_json::json!({ "targets": speed::targets(outcome, None), "comparison": comparison });
-    format!("{value:#}\n")
+/// What is printed with `--json`.
+#[derive(Serialize)]
+struct Said<'a> {
+    targets: Vec<Target>,
+    comparison: Option<&'a Comparison>,
 }

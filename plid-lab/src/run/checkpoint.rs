@@ -9,7 +9,7 @@ use super::error::RunError;
 use super::output::{MANIFEST, RESULT};
 use crate::experiment::{Experiment, to_toml};
 use crate::identify::{Memory, Paused};
-use plid_file::{Hashing, sha256, write_atomic};
+use plid_file::{Hashing, sha256, to_line, write_atomic};
 
 /// The name of the checkpoint in the output directory.
 pub const CHECKPOINT: &str = "checkpoint.json";
@@ -79,12 +79,36 @@ pub(crate) fn read(directory: &Path, identity: &str) -> Result<Saved, RunError> 
 /// Writes the checkpoint and returns [`RunError::Interrupted`] with its path.
 pub(crate) fn write(directory: Option<&Path>, identity: &str, memory: Memory, paused: Option<Paused>) -> RunError {
     let Some(directory) = directory else { return RunError::Identify(crate::identify::IdentifyError::Interrupted) };
+    save(directory, &Saved { experiment_sha256: identity.into(), memory, paused })
+}
+
+/// Writes what is to be continued. A state with a number that is not finite could not be read back, and is refused.
+fn save(directory: &Path, saved: &impl Serialize) -> RunError {
     let checkpoint = directory.join(CHECKPOINT);
-    let saved = Saved { experiment_sha256: identity.into(), memory, paused };
-    let text = serde_json::to_vec(&saved).expect("a checkpoint is plain numbers");
-    let written = std::fs::create_dir_all(directory).and_then(|()| write_atomic(&checkpoint, &text));
+    let text = match to_line(saved) {
+        Ok(text) => text,
+        Err(source) => return RunError::NotFinite { path: checkpoint, source },
+    };
+    let written = std::fs::create_dir_all(directory).and_then(|()| write_atomic(&checkpoint, text.as_bytes()));
     match written {
         Ok(()) => RunError::Interrupted { checkpoint },
         Err(source) => RunError::File { path: checkpoint, source },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn a_state_that_is_not_finite_is_not_written() {
+        let directory = tempfile::tempdir().unwrap();
+        let refused = save(directory.path(), &BTreeMap::from([("estimate", [1.0, f64::NAN])])).to_string();
+        assert!(refused.contains("checkpoint.json: `estimate[1]` is NaN"), "{refused}");
+        assert!(!directory.path().join(CHECKPOINT).exists());
+        let written = write(Some(directory.path()), "one", Memory::default(), None);
+        assert!(matches!(written, RunError::Interrupted { .. }), "{written}");
+        assert_eq!(read(directory.path(), "one").unwrap().memory, Memory::default());
     }
 }

@@ -95,6 +95,14 @@ pub enum GapError {
         /// Why.
         reason: String,
     },
+    /// A number of a case is not finite.
+    #[error("{path}: {source}; it is not written")]
+    NotFinite {
+        /// The file that would hold it.
+        path: String,
+        /// The number and its key.
+        source: plid_file::NotFinite,
+    },
 }
 
 /// A record: the commands and the measurements.

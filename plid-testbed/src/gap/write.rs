@@ -7,6 +7,7 @@ use std::path::Path;
 
 use nalgebra::DMatrix;
 use ndarray::Array2;
+use plid_file::{to_line, write_atomic};
 use serde::Serialize;
 
 use super::rig::Rig;
@@ -135,13 +136,13 @@ impl GapCase {
     /// case.toml and label.json are written last.
     ///
     /// # Errors
-    /// If a file cannot be written.
+    /// [`GapError::NotFinite`] if a number is not finite, or [`GapError::File`].
     pub fn write(&self, case: &Path, label: &Path) -> Result<(), GapError> {
         for folder in [case, label] {
             fs::create_dir_all(folder).map_err(|e| file_error(folder, &e))?;
         }
         if self.simulator == Simulator::Model {
-            save(&case.join("sim.json"), &json(&self.simulation))?;
+            save_json(&case.join("sim.json"), &self.simulation)?;
         }
         for (i, record) in self.records.iter().enumerate() {
             save(&case.join(format!("r{}.csv", i + 1)), &measured(record))?;
@@ -155,7 +156,7 @@ impl GapCase {
         if self.simulator == Simulator::Outputs {
             save(&label.join("test_sim.csv"), &csv(&[('y', &self.held_out.simulated)]))?;
         }
-        save(&label.join("label.json"), &json(&self.label))
+        save_json(&label.join("label.json"), &self.label)
     }
 
     fn case_toml(&self) -> String {
@@ -192,8 +193,9 @@ impl GapCase {
     }
 }
 
-fn json(value: &impl Serialize) -> String {
-    serde_json::to_string(value).expect("plain numbers and names") + "\n"
+fn save_json(path: &Path, value: &impl Serialize) -> Result<(), GapError> {
+    let text = to_line(value).map_err(|source| GapError::NotFinite { path: path.display().to_string(), source })?;
+    save(path, &text)
 }
 
 fn measured(record: &GapRecord) -> String {
@@ -219,5 +221,25 @@ fn file_error(path: &Path, error: &std::io::Error) -> GapError {
 }
 
 fn save(path: &Path, text: &str) -> Result<(), GapError> {
-    plid_file::write_atomic(path, text.as_bytes()).map_err(|e| file_error(path, &e))
+    write_atomic(path, text.as_bytes()).map_err(|e| file_error(path, &e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_that_is_not_finite_is_not_written() {
+        let spec = GapSpec { length: 0.1, ..GapSpec::default() };
+        let mut case = super::super::draw(1, &spec).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let [open, sealed] = ["case", "label"].map(|name| folder.path().join(name));
+        case.label.gap_sim = f64::NAN;
+        let refused = case.write(&open, &sealed).unwrap_err().to_string();
+        assert!(refused.contains("label.json: `gap_sim` is NaN"), "{refused}");
+        assert!(!sealed.join("label.json").exists());
+        case.simulation.a[0][1] = f64::INFINITY;
+        let refused = case.write(&open, &sealed).unwrap_err().to_string();
+        assert!(refused.contains("sim.json: `A[0][1]` is inf"), "{refused}");
+    }
 }
