@@ -1,10 +1,10 @@
 //! JSON without `null` where a number belongs.
 //!
 //! JSON has no NaN and no infinity: serde writes `null` in their place, and a reader then finds no number, or does not
-//! notice at all. [`to_json`] and [`to_line`] therefore check every number of a value before they write anything, and name the first
-//! one that is not finite by its path. A `null` inside a [`serde_json::Value`] is refused as well, because it may have
-//! been such a number. A value that is not available has no key: a typed field is an `Option` that is skipped if it is
-//! `None`.
+//! notice at all. [`to_json`] and [`to_line`] therefore check every number of a value before they write anything, and
+//! name the first one that is not finite by its path. A `null` inside a [`serde_json::Value`] is refused as well,
+//! because it may have been such a number. A value that is not available has no key: a typed field is an `Option` that
+//! is skipped if it is `None`.
 
 use serde::Serialize;
 use serde::ser;

@@ -15,12 +15,29 @@ pub const SHARDS: &str = "shards";
 
 /// A shard of the parts of a work, such as cases or runs: every `of`-th one, starting at `number`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "Numbers")]
 pub struct Shard {
     /// From 1 to `of`.
     pub number: usize,
     /// Total number of shards.
     pub of: usize,
+}
+
+/// A shard as a file states it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Numbers {
+    number: usize,
+    of: usize,
+}
+
+impl TryFrom<Numbers> for Shard {
+    type Error = String;
+
+    fn try_from(Numbers { number, of }: Numbers) -> Result<Self, String> {
+        let shard = Self { number, of };
+        if (1..=of).contains(&number) { Ok(shard) } else { Err(format!("there is no {shard}")) }
+    }
 }
 
 impl Shard {
@@ -70,6 +87,9 @@ pub fn shard_folders(whole: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(found)
 }
 
+/// Largest number of missing shards that are named: a file may speak of any number of them.
+const NAMED: usize = 20;
+
 /// Checks that each shard of a work is among `found` exactly once, and returns how many there are.
 ///
 /// # Errors
@@ -85,11 +105,14 @@ pub fn require_whole(found: &[(Shard, PathBuf)]) -> Result<usize, String> {
             return Err(format!("{shard} is given twice: {} and {}", first.display(), folder.display()));
         }
     }
-    let missing: Vec<String> = (1..=*of).filter(|i| !places.contains_key(i)).map(|i| i.to_string()).collect();
+    let all = (1..=*of).filter(|i| !places.contains_key(i)).map(|i| i.to_string());
+    let missing: Vec<String> = all.take(NAMED).collect();
+    let others = of - places.len() - missing.len();
     match missing.as_slice() {
         [] => Ok(*of),
         [one] => Err(format!("shard {one} of {of} is missing")),
-        several => Err(format!("shards {} of {of} are missing", several.join(", "))),
+        several if others == 0 => Err(format!("shards {} of {of} are missing", several.join(", "))),
+        several => Err(format!("shards {} and {others} others of {of} are missing", several.join(", "))),
     }
 }
 
@@ -102,6 +125,9 @@ mod tests {
         assert_eq!("3/4".parse(), Ok(Shard { number: 3, of: 4 }));
         for wrong in ["0/4", "5/4", "3", "a/b", "1/0", "-1/2"] {
             assert!(wrong.parse::<Shard>().unwrap_err().contains("i/N"), "{wrong}");
+        }
+        for (number, of) in [(0, 4), (5, 4), (1, 0), (0, 0)] {
+            assert_eq!(Shard::try_from(Numbers { number, of }), Err(format!("there is no shard {number} of {of}")));
         }
         for index in 0..20 {
             let of: Vec<usize> = (1..=4).filter(|&number| Shard { number, of: 4 }.has(index)).collect();
@@ -120,6 +146,9 @@ mod tests {
         assert_eq!(said(&[]), "there is no shard to merge");
         assert_eq!(said(&["1/3", "3/3"]), "shard 2 of 3 is missing");
         assert_eq!(said(&["2/3"]), "shards 1, 3 of 3 are missing");
+        let many = said(&["2/1000000000000"]);
+        assert!(many.starts_with("shards 1, 3, 4, "), "{many}");
+        assert!(many.ends_with(", 21 and 999999999979 others of 1000000000000 are missing"), "{many}");
         assert_eq!(said(&["1/3", "2/2"]), "shard 2 is one of 2, but others are of 3");
         assert_eq!(said(&["1/2", "2/2", "2/2"]), "shard 2 of 2 is given twice: 2/2 and 2/2");
     }
