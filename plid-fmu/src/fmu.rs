@@ -5,7 +5,7 @@ use std::sync::Arc;
 use plid_simulator::{Description, Motion, Simulator, SimulatorError};
 
 use crate::native::{Failed, Instance};
-use crate::package::Package;
+use crate::package::{Package, unpack};
 use crate::wiring::Wiring;
 use crate::{FmuError, Options};
 
@@ -48,9 +48,10 @@ impl Fmu {
     /// Returns an [`FmuError`] if the file is not an FMU, is for another machine or another kind of simulation, or
     /// lacks a variable.
     pub fn open(file: &Path, options: &Options) -> Result<Self, FmuError> {
-        let package = Arc::new(Package::open(file)?);
-        let wiring = Wiring::new(file, &package.description, options)?;
-        Self::of(package, wiring)
+        let unpacked = unpack(file)?;
+        // A wrong name is found before any foreign code runs.
+        let wiring = Wiring::new(file, &unpacked.description, options)?;
+        Self::of(Arc::new(Package::load(file, unpacked)?), wiring)
     }
 
     /// Creates an instance.

@@ -24,10 +24,16 @@ pub(crate) struct Package {
     _folder: Scratch,
 }
 
+/// An FMU that is unpacked. None of its code has run.
+pub(crate) struct Unpacked {
+    pub description: ModelDescription,
+    folder: Scratch,
+}
+
 impl Package {
-    /// Unpacks and loads an FMU.
-    pub fn open(file: &Path) -> Result<Self, FmuError> {
-        let (folder, description) = unpack(file)?;
+    /// Loads an unpacked FMU.
+    pub fn load(file: &Path, unpacked: Unpacked) -> Result<Self, FmuError> {
+        let Unpacked { description, folder } = unpacked;
         let path = binary(file, folder.path(), &description)?;
         let binary = Binary::load(&path, description.version)
             .map_err(|message| FmuError::Binary { file: file.into(), message: message + description.tool() })?;
@@ -36,7 +42,8 @@ impl Package {
     }
 }
 
-fn unpack(file: &Path) -> Result<(Scratch, ModelDescription), FmuError> {
+/// Unpacks an FMU into a temporary folder, and reads its description.
+pub(crate) fn unpack(file: &Path) -> Result<Unpacked, FmuError> {
     let io = |source: std::io::Error| FmuError::Io { file: file.into(), source };
     let damaged = |error: ZipError| match error {
         ZipError::Io(source) if source.kind() != std::io::ErrorKind::UnexpectedEof => io(source),
@@ -53,7 +60,7 @@ fn unpack(file: &Path) -> Result<(Scratch, ModelDescription), FmuError> {
         Fault::Version(version) => FmuError::Version { file: file.into(), version },
         Fault::Kind(has) => FmuError::Kind { file: file.into(), has },
     })?;
-    Ok((folder, description))
+    Ok(Unpacked { description, folder })
 }
 
 /// Returns the folders in which a binary for this machine may be.

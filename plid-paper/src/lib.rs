@@ -15,4 +15,4 @@ mod truss;
 pub use claim::{Claim, Context, Figure, Finding, Panel, Part, Result, Verdict};
 pub use claims::CLAIMS;
 pub use page::{CAVEAT, Line};
-pub use reproduce::{Options, Summary, reproduce};
+pub use reproduce::{Done, Options, Summary, reproduce};

@@ -33,9 +33,11 @@ pub struct Options {
 
 /// A finished claim in the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Done {
-    finding: Finding,
-    seconds: f64,
+pub struct Done {
+    /// The result.
+    pub finding: Finding,
+    /// How long it took, s.
+    pub seconds: f64,
 }
 
 /// A claim with the configs in use.

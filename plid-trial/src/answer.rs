@@ -86,6 +86,10 @@ pub(crate) fn read(answers: &Path, case: &str) -> Result<Option<(Answered, Strin
         return Err(changed());
     }
     for (name, hash) in &answered.files {
+        // Another folder's files, or a device, are not part of an answer.
+        if Path::new(name).file_name().is_none_or(|own| own != name.as_str()) {
+            return Err(changed());
+        }
         match fs::read(folder.join(name)) {
             Ok(content) if sha256(&content) == *hash => {}
             _ => return Err(changed()),
@@ -154,6 +158,13 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let at = directory.path();
         write(&Folders::new(at).unwrap(), "case-7", Ok(Answer::from([("a.json", b"1".to_vec())])), 0.0).unwrap();
+        let path = at.join("case-7").join(ANSWER);
+        let given = fs::read_to_string(&path).unwrap();
+        fs::copy(at.join("case-7/a.json"), at.join("a.json")).unwrap();
+        fs::write(&path, given.replace("a.json", "../a.json")).unwrap();
+        assert!(read(at, "case-7").unwrap_err().to_string().starts_with("case-7: the answer has changed"));
+        fs::write(&path, given).unwrap();
+        assert!(read(at, "case-7").is_ok());
         fs::write(at.join("case-7/a.json"), "2").unwrap();
         assert!(read(at, "case-7").unwrap_err().to_string().starts_with("case-7: the answer has changed"));
         fs::remove_file(at.join("case-7/a.json")).unwrap();

@@ -39,10 +39,14 @@ use crate::{Record, Workload};
 /// One line of the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Entry {
+pub enum Entry {
+    /// Steps of a cell in one round.
     Visit(Visit),
+    /// Passes over matrices in one round.
     Limit(Limit),
+    /// The speed of one core in registers, 10^9 multiplications and additions a second.
     PeakGflops(f64),
+    /// The operations of a step.
     Operations(Operations),
 }
 

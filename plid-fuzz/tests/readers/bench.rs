@@ -2,7 +2,7 @@
 
 use plid_bench::{expectations, speed, stability};
 
-use crate::{configs::read, fuzz, with_folder, words};
+use crate::{configs::read, fuzz, require_same, with_folder, words};
 
 #[test]
 fn speed_config() {
@@ -28,6 +28,24 @@ fn peers() {
             words(speed::peers::read(&file).map(|peers| {
                 let _ = peers.fastest(64, true);
             }))
+        })
+    });
+}
+
+#[test]
+fn speed_results() {
+    fuzz("speed-results", 2000, 5000, |bytes| {
+        with_folder(|folder| {
+            let file = folder.join("speed.json");
+            std::fs::write(&file, bytes).unwrap();
+            let read = speed::compare::read(&file);
+            if let Ok(outcome) = &read {
+                let text = plid_file::to_json(outcome).unwrap();
+                require_same(outcome, &text, serde_json::from_str(&text));
+                let compared = speed::compare::compare(outcome, outcome, speed::compare::TOLERANCE);
+                assert!(compared.slower.is_empty() && compared.faster.is_empty(), "{compared:?}");
+            }
+            words(read)
         })
     });
 }

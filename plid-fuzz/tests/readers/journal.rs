@@ -1,7 +1,7 @@
 //! The journals of studies.
 
-use plid_bench::study::Journal;
-use plid_bench::{expectations, stability};
+use plid_bench::study::{Journal, merge_shards};
+use plid_bench::{expectations, speed, stability};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -33,4 +33,27 @@ fn stability_journal() {
 #[test]
 fn expectations_journal() {
     fuzz("expectations-journal", 1000, 5000, |bytes| read::<expectations::Finished>("expectations", bytes));
+}
+
+#[test]
+fn speed_journal() {
+    fuzz("speed-journal", 1000, 5000, |bytes| read::<speed::Entry>("speed", bytes));
+}
+
+#[test]
+fn paper_journal() {
+    fuzz("paper-journal", 1000, 5000, |bytes| read::<plid_paper::Done>("reproduce", bytes));
+}
+
+/// The file that says which shard a folder holds, and that it is complete.
+#[test]
+fn study_shard() {
+    fuzz("study-shard", 2000, 5000, |bytes| {
+        with_folder(|folder| {
+            let shard = folder.join("shards/1-of-1");
+            std::fs::create_dir_all(&shard).unwrap();
+            std::fs::write(shard.join("shard.json"), bytes).unwrap();
+            words(merge_shards::<stability::Cell>(folder, "stability", "config"))
+        })
+    });
 }

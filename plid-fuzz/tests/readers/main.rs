@@ -4,10 +4,14 @@ mod bench;
 mod checkpoint;
 mod configs;
 mod data;
+mod fmu;
 mod journal;
 mod model;
 mod prediction;
 mod protocol;
+mod record;
+mod runs;
+mod sweep;
 mod trial;
 
 use std::fmt::Debug;

@@ -1,11 +1,13 @@
-//! sim-with-effect.json, which is read for a prediction, and diagnosis.json.
+//! sim-with-effect.json, which is read for a prediction with or without a simulator, and diagnosis.json.
 
 use std::path::Path;
 
 use plid_gap::answer::predict::Predictor;
 use plid_gap::answer::schema::{Diagnosis, SimulationWithEffects};
 use plid_gap::effects::Library;
+use plid_gap::in_loop::{LoopPredictor, SimulatorWithEffects};
 
+use crate::protocol::simulator;
 use crate::{fuzz, require_same, words};
 
 /// Samples that are predicted.
@@ -38,6 +40,31 @@ fn simulation_with_effects() {
             assert!(prediction.outputs.iter().flatten().all(|y| y.is_finite()), "an output that is not finite");
             let gap = predictor.expected_gap(prediction, &prediction.outputs);
             assert!(gap.is_none_or(f64::is_finite));
+        }
+        words(predicted)
+    });
+}
+
+/// Such a file belongs to a simulator with one input.
+#[test]
+fn simulator_with_effects() {
+    fuzz("simulator-with-effects", 5000, 2000, |bytes| {
+        let written: SimulatorWithEffects = match serde_json::from_slice(bytes) {
+            Ok(written) => written,
+            Err(error) => return error.to_string(),
+        };
+        let text = serde_json::to_string(&written).unwrap();
+        require_same(&written, &text, serde_json::from_str(&text));
+        let predictor = match LoopPredictor::new(written) {
+            Ok(predictor) => predictor,
+            Err(message) => return message,
+        };
+        let u: Vec<f64> = (0..SAMPLES).map(|k| if k % 5 < 2 { 1.0 } else { -0.5 }).collect();
+        let t0 = predictor.written.t0;
+        let predicted = predictor.predict(&mut simulator(), &Library::standard(), &[u], t0);
+        if let Ok(prediction) = &predicted {
+            assert!(prediction.outputs.iter().flatten().all(|y| y.is_finite()), "an output that is not finite");
+            assert!(predictor.expected_gap(prediction).is_none_or(f64::is_finite));
         }
         words(predicted)
     });

@@ -1,6 +1,7 @@
 //! The files of a blind trial.
 
 use std::fs;
+use std::path::Path;
 
 use crate::{fuzz, with_folder, words};
 
@@ -21,6 +22,51 @@ fn manifest() {
         with_folder(|folder| {
             fs::write(folder.join("trial.json"), bytes).unwrap();
             words(plid_trial::merge(folder, &[]))
+        })
+    });
+}
+
+/// A trial of one case with an answer, in one shard.
+fn one_shard(folder: &Path) {
+    let shard = folder.join("shards/1-of-1");
+    let case = shard.join("case-001");
+    fs::create_dir_all(&case).unwrap();
+    let _ = fs::remove_dir_all(folder.join("answers"));
+    let files = [
+        (folder.join("trial.json"), include_str!("../../corpus/manifest/trial.json")),
+        (shard.join("shard.json"), include_str!("../../corpus/shard/one.json")),
+        (case.join("answer.json"), include_str!("../../corpus/answer/answered.json")),
+        (case.join("a.json"), "1"),
+    ];
+    for (file, text) in files {
+        fs::write(file, text).unwrap();
+    }
+}
+
+#[test]
+fn shard() {
+    fuzz("shard", 2000, 3000, |bytes| {
+        with_folder(|folder| {
+            one_shard(folder);
+            fs::write(folder.join("shards/1-of-1/shard.json"), bytes).unwrap();
+            words(plid_trial::merge(folder, &[]))
+        })
+    });
+}
+
+/// What a merge accepts, it copies.
+#[test]
+fn answer() {
+    fuzz("answer", 2000, 2000, |bytes| {
+        with_folder(|folder| {
+            one_shard(folder);
+            fs::write(folder.join("shards/1-of-1/case-001/answer.json"), bytes).unwrap();
+            let merged = plid_trial::merge(folder, &[]);
+            if merged.is_ok() {
+                assert!(fs::read(folder.join("answers/case-001/answer.json")).unwrap() == bytes);
+                assert_eq!(plid_trial::merge(folder, &[]).unwrap(), 1, "the second time");
+            }
+            words(merged)
         })
     });
 }
