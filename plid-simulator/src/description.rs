@@ -153,8 +153,9 @@ impl Description {
     }
 
     fn fault(&self) -> Option<String> {
-        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
-            return Some(format!("rate_hz = {} is not positive", self.rate_hz));
+        // At a rate of 1e-320 a sample has no finite length.
+        if !(1e-12..=1e15).contains(&self.rate_hz) {
+            return Some(format!("rate_hz = {} is not between 1e-12 and 1e15", self.rate_hz));
         }
         if self.outputs.is_empty() {
             return Some("it has no output".into());
