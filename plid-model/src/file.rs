@@ -151,6 +151,7 @@ mod tests {
         assert_eq!(with(indices, json!([1.5, 1.5])).0, indices);
         assert_eq!(with(indices, json!([u64::MAX, 1])).0, indices);
         assert_eq!(with("sample_rate_hz", json!(0)).0, "sample_rate_hz");
+        assert_eq!(with("sample_rate_hz", json!(1e-320)).0, "sample_rate_hz");
         assert_eq!(with("inputs", json!(["a", "a"])).0, "inputs");
         assert_eq!(with("outputs", json!(["a", 3])).0, "outputs[1]");
         assert_eq!(with("format", json!("arx")).0, "format");

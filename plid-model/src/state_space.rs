@@ -177,7 +177,8 @@ impl Model {
     fn first_problem(&self) -> Option<(String, KeyProblem)> {
         let (n, m, p) = (self.n(), self.m(), self.p());
         let rate = self.sample_rate_hz;
-        if !(rate.is_finite() && rate > 0.0) {
+        // At a rate of 1e-320 a sample has no finite length.
+        if !(rate.is_finite() && rate > 0.0 && (1.0 / rate).is_finite()) {
             let expected = "positive and finite";
             let problem = KeyProblem::Range { value: rate, expected };
             return Some(("sample_rate_hz".into(), problem));
