@@ -1,4 +1,5 @@
 //! Files that are read in blocks of rows, so that memory does not grow with their length.
+
 use super::table::{Format, require_different};
 use super::{DataError, Table, delimited, numpy};
 use ndarray::Array2;
@@ -143,7 +144,7 @@ mod tests {
         bytes
     }
 
-    /// Everything that the present reader takes is the same in blocks, with names, scalars and places.
+    /// A file that is read in blocks has the names, scalars, values and places of the same file in memory.
     #[test]
     fn blocks_put_together_are_the_table() {
         let folder = tempfile::tempdir().unwrap();

@@ -122,10 +122,7 @@ impl<'a> Explained<'a> {
     pub(crate) fn refuse_fits_to_noise(mut self) -> Self {
         let Prepared { problem, widened, quiet, .. } = &self.ready;
         let without = self.refitted.as_fit();
-        let gap = |fit: &Fit| {
-            let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
-            blocks(&opened(&self), &plant, &problem.actions(&fit.effects)).gap()
-        };
+        let gap = |fit: &Fit| self.opened_gap(&fit.eta, &fit.effects);
         let enough = |with: f64| with < problem.settings.judge.most_left * gap(&without);
         if widened.is_none() || !quiet.is_empty() || self.fit().effects.is_empty() || enough(gap(&self.predicting())) {
             return self;
@@ -135,6 +132,12 @@ impl<'a> Explained<'a> {
         self.unpredicted = Some(unpredicted);
         self.retreat(Refusal::FitsNoise);
         self
+    }
+
+    /// Returns the gap of the free runs of the opened records, with these linear parameters and effects.
+    fn opened_gap(&self, eta: &[f64], effects: &[Placed]) -> f64 {
+        let problem = &self.ready.problem;
+        blocks(&opened(self), &problem.nuisance.apply(&problem.plant, eta), &problem.actions(effects)).gap()
     }
 
     /// Replaces the explanation of an imperfect simulation, if it predicts the held-out records worse than no effect,
@@ -161,13 +164,9 @@ impl<'a> Explained<'a> {
     fn predictive(&self) -> Option<Fit<'a>> {
         let problem = &self.ready.problem;
         let JudgeSettings { no_worse, most_refused, .. } = problem.settings.judge;
-        let opened = opened(self);
-        let gap = |eta: &[f64], effects: &[Placed]| {
-            blocks(&opened, &problem.nuisance.apply(&problem.plant, eta), &problem.actions(effects)).gap()
-        };
         let given = vec![0.0; problem.nuisance.len()];
-        let without = gap(&given, &[]).min(gap(&self.refitted.eta, &[]));
-        let predicts = |fit: &Fit| gap(&fit.eta, &fit.effects) <= no_worse * without;
+        let without = self.opened_gap(&given, &[]).min(self.opened_gap(&self.refitted.eta, &[]));
+        let predicts = |fit: &Fit| self.opened_gap(&fit.eta, &fit.effects) <= no_worse * without;
         let best = self.predicting();
         if best.effects.is_empty() || predicts(&best) {
             return None;
