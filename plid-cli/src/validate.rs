@@ -276,8 +276,9 @@ fn traces(named: &NamedModel<'_>, record: &Record<'_>, start: Start) -> Option<S
     let simulated = simulate(model, inputs.view(), &x0).ok()?.outputs;
     let samples = outputs.nrows();
     let window = samples.saturating_sub(WINDOW)..samples;
-    let columns: Vec<[Vec<f64>; 2]> =
-        (0..model.p()).map(|i| [&outputs, &simulated].map(|array| array.slice(s![.., i]).to_vec())).collect();
+    let columns: Vec<[Vec<f64>; 2]> = (0..model.p())
+        .map(|i| [&outputs, &simulated].map(|array| array.slice(s![window.clone(), i]).to_vec()))
+        .collect();
     let traces: Vec<Trace<'_>> = columns
         .iter()
         .zip(&model.outputs)

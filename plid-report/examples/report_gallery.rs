@@ -270,17 +270,17 @@ fn convergence_figure(errors: &Array2<f64>, error_scale: Scale, time_scale: Scal
     })
 }
 
-/// The traces of outputs measured, predicted one step ahead, and simulated.
-fn traces(columns: &[[Vec<f64>; 3]]) -> Vec<Trace<'_>> {
+/// The traces of outputs measured, predicted one step ahead, and simulated, from a sample on.
+fn traces(columns: &[[Vec<f64>; 3]], first: usize) -> Vec<Trace<'_>> {
     columns
         .iter()
         .enumerate()
         .map(|(i, [y, one_step, simulation])| Trace {
             name: format!("y{}", i + 1),
             unit: "V".into(),
-            measured: y,
-            predicted: Some(one_step),
-            free_run: Some(simulation),
+            measured: &y[first..],
+            predicted: Some(&one_step[first..]),
+            free_run: Some(&simulation[first..]),
         })
         .collect()
 }
@@ -313,7 +313,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let simulated = error_measures(tail(&measured).view(), tail(&free_run).view())?;
     let columns: Vec<[Vec<f64>; 3]> =
         (0..CHANNELS).map(|i| [&measured, &predicted, &free_run].map(|data| data.column(i).to_vec())).collect();
-    let traces = traces(&columns);
 
     let mut report = Report::new("Gallery of plots")
         .verdict(format!(
@@ -340,8 +339,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "Decimate by 2: nothing is excited above 400 Hz.",
         ])
         .heading("Outputs")
-        .figure(trace_plot(&traces, RATE, 15_000..15_400), "A window of the held-out record.")
-        .figure(trace_plot(&traces[..1], RATE, 0..SAMPLES), "A whole record of 20 000 samples.");
+        .figure(trace_plot(&traces(&columns, 15_000), RATE, 15_000..15_400), "A window of the held-out record.")
+        .figure(trace_plot(&traces(&columns, 0)[..1], RATE, 0..SAMPLES), "A whole record of 20 000 samples.");
     report =
         residual_plots(report, tail(&errors), tail(&inputs), inputs.slice(s![held_out.start - 1..SAMPLES - 1, 0]))?;
     report = studies(report)

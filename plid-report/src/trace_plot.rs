@@ -4,7 +4,7 @@ use super::figure::single;
 use super::panel::{Axis, Panel, Series};
 use super::style;
 
-/// The measured and computed samples of one output. All slices start at the same sample.
+/// The measured and computed samples of one output, from the first one of the window on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace<'a> {
     /// Name of the output.
@@ -24,11 +24,11 @@ fn with_unit(name: &str, unit: &str) -> String {
     if unit.is_empty() { name.to_string() } else { format!("{name}, {unit}") }
 }
 
-/// Plots measured, one-step predicted and free-run outputs over a window of samples, with the errors below each output.
+/// Plots measured, one-step predicted and free-run outputs over a window of samples, which are counted from the start of
+/// the record, with the errors below each output.
 pub fn trace_plot(traces: &[Trace], sample_rate_hz: f64, window: Range<usize>) -> String {
     let points = |values: &[f64]| -> Vec<(f64, f64)> {
-        let shown = window.start.min(values.len())..window.end.min(values.len());
-        shown.map(|k| (k as f64 / sample_rate_hz, values[k])).collect()
+        window.clone().zip(values).map(|(k, value)| (k as f64 / sample_rate_hz, *value)).collect()
     };
     let error =
         |measured: &[f64], other: &[f64]| points(&measured.iter().zip(other).map(|(y, x)| y - x).collect::<Vec<_>>());

@@ -32,7 +32,7 @@ pub use plid_work::{Progress, Silent};
 pub use simulation::{Alternative, Path as RefinementPath, Simulation};
 pub(crate) use start::{canonical, parameters};
 pub use stream::StreamedRun;
-pub use validate::{Errors, Validation};
+pub use validate::{Errors, HeldOut, Validation};
 
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -212,7 +212,7 @@ impl Done {
         let (simulation, said) = if alone {
             (Simulation { best: "plid", ..Simulation::default() }, Vec::new())
         } else {
-            simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress)?
+            simulation::carry_out(&experiment, &scaled, &prepared, &validation.free_run_errors, progress)?
         };
         warnings.extend(said);
         let steps = prepared.steps.iter().map(ToString::to_string);

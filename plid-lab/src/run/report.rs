@@ -4,7 +4,7 @@ use num_complex::Complex64;
 
 use super::error::RunError;
 use super::report_simulation;
-use super::validate::Errors;
+use super::validate::{Errors, HeldOut};
 use super::{Outcome, PeakRow};
 use crate::experiment::to_toml;
 use crate::identify::Trial;
@@ -99,11 +99,13 @@ fn convergence_figure(report: Report, outcome: &Outcome, rate: f64) -> Report {
 fn traces(report: Report, outcome: &Outcome, record: &Record, rate: f64) -> Report {
     let validation = &outcome.validation;
     let unit = outcome.experiment.data.output_unit.clone().unwrap_or_default();
-    let shown = validation.training..(validation.training + WINDOW).min(validation.measured.nrows());
-    let columns: Vec<[Vec<f64>; 3]> = (0..record.output_names.len())
+    let HeldOut { measured, predicted, free_run } = &validation.held_out;
+    let shown = validation.training..validation.training + WINDOW.min(measured.nrows());
+    let columns: Vec<[Option<Vec<f64>>; 3]> = (0..record.output_names.len())
         .map(|i| {
-            [&validation.measured, &validation.predicted, &validation.free_run]
-                .map(|array| array.slice(ndarray::s![..shown.end, i]).to_vec())
+            let free_run = Some(free_run).filter(|_| validation.free_run_errors.overall_relative.is_finite());
+            [Some(measured), predicted.as_ref(), free_run]
+                .map(|array| array.map(|array| array.slice(ndarray::s![..shown.len(), i]).to_vec()))
         })
         .collect();
     let traces: Vec<Trace<'_>> = columns
@@ -112,9 +114,9 @@ fn traces(report: Report, outcome: &Outcome, record: &Record, rate: f64) -> Repo
         .map(|([measured, predicted, free_run], name)| Trace {
             name: name.clone(),
             unit: unit.clone(),
-            measured,
-            predicted: validation.one_step_errors.is_some().then_some(predicted.as_slice()),
-            free_run: validation.free_run_errors.overall_relative.is_finite().then_some(free_run.as_slice()),
+            measured: measured.as_deref().unwrap_or_default(),
+            predicted: predicted.as_deref(),
+            free_run: free_run.as_deref(),
         })
         .collect();
     report.figure(
@@ -208,14 +210,16 @@ pub(super) fn band(outcome: &Outcome, rate: f64) -> (f64, f64) {
 }
 
 fn measured_response(outcome: &Outcome, rate: f64) -> Option<WelchFrf> {
-    let validation = &outcome.validation;
-    // An advanced input has no value at the first sample.
-    let first = outcome.prepared.advanced;
-    let inputs = validation.inputs.slice(ndarray::s![first.., ..]);
-    let outputs = validation.measured.slice(ndarray::s![first..first + inputs.nrows(), ..]);
+    let prepared = &outcome.prepared;
+    let record = prepared.records.last()?;
+    // The output that belongs to an advanced input is that of the next sample.
+    let pairs = record.samples() - prepared.advanced;
+    let inputs = record.inputs.slice(ndarray::s![..pairs, ..]);
+    let outputs = record.outputs.slice(ndarray::s![prepared.advanced.., ..]);
     let options = WelchOptions { sample_rate_hz: rate, segment_length: None };
     // A record that is too short or has too many gaps for a spectrum still gets a report.
-    welch_frf(inputs, outputs, &options).ok()
+    let scaled = welch_frf(inputs, outputs, &options).ok()?;
+    Some(scaled.in_units(&prepared.input_scales, &prepared.output_scales))
 }
 
 fn response_caption(outcome: &Outcome, measured: Option<&WelchFrf>) -> String {

@@ -5,13 +5,13 @@
 //! if preparation advanced the inputs because the plant has feedthrough, D is estimated instead.
 
 use nalgebra::{DMatrix, DVector};
-use ndarray::{Array2, ArrayView2, Axis, concatenate, s};
+use ndarray::{Array2, ArrayView2, Axis, CowArray, Ix2, concatenate, s};
 use plid_model::signal::error_measures;
 use plid_model::{ChannelScaling, Model, ResponseVariance, one_step_prediction, simulate, undo_scaling};
 use plid_refine::{Candidate, Noise, Options, Record, RefineError, Refined, Score, Start, Uncertainty, fit_predictor};
 
 use super::error::RunError;
-use super::validate::{Errors, Validation, offsets};
+use super::validate::{Errors, add_offsets};
 use crate::experiment::{Experiment, Refinement};
 use plid_data::prepare::Prepared;
 use plid_work::Progress;
@@ -29,7 +29,7 @@ pub struct Alternative {
     /// The model in the data's units, with the gain of its steady-state predictor.
     pub model: Model,
     /// Simulation of the held-out part of the last record (K x p, in the data's units), continued from the training
-    /// part; NaN before it.
+    /// part.
     pub free_run: Array2<f64>,
     /// Errors of the simulation.
     pub free_run_errors: Errors,
@@ -103,24 +103,24 @@ pub struct Simulation {
     pub refined_is_worse: bool,
 }
 
-/// Records as measured, with scaled channels. The inputs of a prepared record may have been advanced, in which case
+/// A record as measured, with scaled channels. The inputs of a prepared record may have been advanced, in which case
 /// this record starts one sample later.
-struct Aligned {
-    inputs: Array2<f64>,
-    outputs: Array2<f64>,
+struct Aligned<'a> {
+    inputs: ArrayView2<'a, f64>,
+    outputs: CowArray<'a, f64, Ix2>,
     training: usize,
 }
 
-fn aligned(prepared: &Prepared) -> Vec<Aligned> {
+fn aligned(prepared: &Prepared) -> Vec<Aligned<'_>> {
     let one = |number: usize| {
         let record = &prepared.records[number];
-        let (inputs, mut outputs) = (record.inputs.clone(), record.outputs.clone());
+        let (inputs, mut outputs) = (record.inputs.view(), CowArray::from(&record.outputs));
         let mut training = prepared.training[number];
         if prepared.advanced == 1
             && let Some(last) = &prepared.last_outputs[number]
         {
             let last = Array2::from_shape_fn((1, last.len()), |(_, i)| last[i]);
-            outputs = concatenate![Axis(0), outputs.slice(s![1.., ..]), last];
+            outputs = concatenate![Axis(0), outputs.slice(s![1.., ..]), last].into();
             training = training.saturating_sub(1);
         }
         Aligned { inputs, outputs, training }
@@ -129,13 +129,11 @@ fn aligned(prepared: &Prepared) -> Vec<Aligned> {
 }
 
 /// The training part of each record that has one.
-fn training(records: &[Aligned]) -> Vec<Record<'_>> {
+fn training<'a>(records: &'a [Aligned<'_>]) -> Vec<Record<'a>> {
     records
         .iter()
         .filter(|r| r.training > 0)
-        .map(|r| {
-            Record { inputs: r.inputs.view(), outputs: r.outputs.view(), start: Start::Unknown }.range(0, r.training)
-        })
+        .map(|r| Record { inputs: r.inputs, outputs: r.outputs.view(), start: Start::Unknown }.range(0, r.training))
         .collect()
 }
 
@@ -153,7 +151,7 @@ fn may_go_on(progress: &dyn Progress, done: usize, total: usize) -> bool {
 }
 
 /// Estimates, refines and validates the models. A model that cannot be computed causes a warning. `scaled` is the
-/// recursive model of scaled channels.
+/// recursive model of scaled channels, and `own` has its errors in free run.
 ///
 /// # Errors
 /// Returns [`RunError::Refine`] with [`RefineError::Interrupted`] if the user interrupts the run, and an error for a
@@ -162,7 +160,7 @@ pub(super) fn carry_out(
     experiment: &Experiment,
     scaled: &Model,
     prepared: &Prepared,
-    validation: &Validation,
+    own: &Errors,
     progress: &dyn Progress,
 ) -> Result<(Simulation, Vec<String>), RunError> {
     let records = aligned(prepared);
@@ -181,7 +179,7 @@ pub(super) fn carry_out(
         best: "plid",
         ..Simulation::default()
     };
-    let bench = Bench { records: &records, prepared, validation, like: scaled };
+    let bench = Bench { records: &records, prepared, like: scaled };
     let mut warnings = Vec::new();
 
     progress.stage("subspace estimate");
@@ -217,7 +215,7 @@ pub(super) fn carry_out(
     }
     let error = |a: &Alternative| a.free_run_errors.overall_relative;
     let (best, worse, said) = compare(
-        validation.free_run_errors.overall_relative,
+        own.overall_relative,
         simulation.refined.as_ref().map(|(a, _)| error(a)),
         simulation.subspace.as_ref().map(error),
     );
@@ -246,9 +244,8 @@ fn compare(own: f64, refined: Option<f64>, subspace: Option<f64>) -> (&'static s
 
 /// The data on which every model is evaluated.
 struct Bench<'a> {
-    records: &'a [Aligned],
+    records: &'a [Aligned<'a>],
     prepared: &'a Prepared,
-    validation: &'a Validation,
     like: &'a Model,
 }
 
@@ -261,14 +258,16 @@ impl Bench<'_> {
         let (record, cut) = (&self.records[last], self.records[last].training);
         let rest = model.rest();
         let state = states.last().unwrap_or(&rest);
-        let run = simulate(&model, record.inputs.view(), state)?.outputs;
         let training = s![..cut, ..];
         let gain = fit_predictor(&model, record.inputs.slice(training), record.outputs.slice(training));
         let gain = gain.map(|predictor| predictor.gain);
         model.predictor_gain = gain;
-        let predicted = one_step_prediction(&model, record.inputs.view(), record.outputs.view(), state).ok();
+        let predicted = one_step_prediction(&model, record.inputs, record.outputs.view(), state).ok();
         let one_step_errors = predicted.map(|p| self.errors(p.predicted.slice(s![cut.., ..]))).transpose()?;
-        let free_run_errors = self.errors(run.slice(s![cut.., ..]))?;
+        let run = simulate(&model, record.inputs, state)?.outputs;
+        let free_run = run.slice(s![cut.., ..]);
+        let free_run_errors = self.errors(free_run)?;
+        let free_run = self.in_units(free_run);
         let scaling = ChannelScaling {
             input_mean: vec![0.0; model.m()],
             input_scale: self.prepared.input_scales.clone(),
@@ -276,12 +275,7 @@ impl Bench<'_> {
             output_scale: self.prepared.output_scales.clone(),
         };
         let model = undo_scaling(&model, &scaling)?;
-        Ok(Alternative {
-            model,
-            free_run: self.drawn(run.slice(s![cut.., ..]), last),
-            free_run_errors,
-            one_step_errors,
-        })
+        Ok(Alternative { model, free_run, free_run_errors, one_step_errors })
     }
 
     /// Returns the errors of scaled outputs over the held-out part, in the data's units.
@@ -292,14 +286,12 @@ impl Bench<'_> {
         Ok(error_measures(measured.view(), (&found * &scales).view())?)
     }
 
-    /// Converts outputs to the format of the validation's arrays: over the whole record, with the offsets that
-    /// preparation removed.
-    fn drawn(&self, held: ArrayView2<'_, f64>, last: usize) -> Array2<f64> {
-        let scales = ndarray::Array1::from(self.prepared.output_scales.clone());
-        let whole = self.validation.measured.dim();
-        let mut drawn = Array2::from_elem(whole, f64::NAN);
-        drawn.slice_mut(s![whole.0 - held.nrows().., ..]).assign(&(&held * &scales));
-        drawn + offsets(self.prepared, last, 0, whole.0)
+    /// Converts held-out outputs to the data's units, with the offsets that preparation removed.
+    fn in_units(&self, held: ArrayView2<'_, f64>) -> Array2<f64> {
+        let last = self.records.len() - 1;
+        let mut drawn = &held * &ndarray::Array1::from(self.prepared.output_scales.clone());
+        add_offsets(self.prepared, last, self.prepared.training[last], &mut drawn);
+        drawn
     }
 }
 

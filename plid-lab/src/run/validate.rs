@@ -16,20 +16,13 @@ use plid_model::{Model, one_step_prediction, simulate};
 /// Errors of one kind on the held-out part, for outputs as deviations from their means.
 pub type Errors = ErrorMeasures;
 
-/// The validation results. Arrays are those of the last record, K x p, in the data's units. K includes the last sample
-/// even if the input was advanced.
+/// The validation results.
 #[derive(Debug)]
 pub struct Validation {
     /// Number of training samples of the last record.
     pub training: usize,
-    /// Inputs at the same samples (K x m), including the trends that preparation removed.
-    pub inputs: Array2<f64>,
-    /// Measured outputs.
-    pub measured: Array2<f64>,
-    /// One-step prediction, by the recursion over the training part and by the steady-state predictor after it.
-    pub predicted: Array2<f64>,
-    /// Simulation of the held-out part from the last training state; NaN before it.
-    pub free_run: Array2<f64>,
+    /// The samples after them.
+    pub held_out: HeldOut,
     /// Innovations, one array per record; the held-out part of the last record is from the steady-state predictor.
     pub innovations: Vec<Array2<f64>>,
     /// One-step errors of the steady-state predictor; `None` if there is none.
@@ -55,51 +48,34 @@ pub(super) fn validate(
     scaled: &Model,
     gain: Option<&DMatrix<f64>>,
     state: &[f64],
-    innovations: Vec<Array2<f64>>,
+    mut innovations: Vec<Array2<f64>>,
     prepared: &Prepared,
     truth: Option<&Truth>,
 ) -> Result<Validation, RunError> {
     let last = prepared.records.len() - 1;
-    let (record, training) = (&prepared.records[last], prepared.training[last]);
+    let training = prepared.training[last];
     let scales = Array1::from(prepared.output_scales.clone());
     let held_out = HeldOut::run(scaled, gain, state, prepared);
-    let HeldOut { measured, free_run, predicted: prediction } = &held_out;
-    let held = measured.nrows();
+    let HeldOut { measured, free_run, predicted } = &held_out;
     let errors = |response: &Array2<f64>| error_measures(measured.view(), response.view());
-    let one_step_errors = prediction.as_ref().map(errors).transpose()?;
+    let one_step_errors = predicted.as_ref().map(errors).transpose()?;
     let free_run_errors = errors(free_run)?;
     let truth_errors = truth.map(|truth| {
         // The true model starts at rest with the record, so no initial state is fitted.
-        let from = truth.noise_free.nrows() - held;
-        errors(&(&truth.noise_free.slice(s![from.., ..]) - &offsets(prepared, last, training, held)))
+        let from = truth.noise_free.nrows() - measured.nrows();
+        errors(&(&truth.noise_free.slice(s![from.., ..]) - &offsets(prepared, last, training, measured.nrows())))
     });
-    let predicted = prediction.clone().unwrap_or_else(|| Array2::from_elem(measured.dim(), f64::NAN));
-    let residual = measured - &predicted;
-    let tests = ResidualTests::of(experiment, prepared, prediction.as_ref().map(|_| residual.view()));
-
-    // Long records are most of the memory, so no more than one temporary array is held at a time.
-    let mut all_innovations: Vec<Array2<f64>> = innovations.into_iter().map(|e| e * &scales).collect();
-    let head = &record.outputs.slice(s![..training, ..]) * &scales;
-    let head_predicted = all_innovations.last().map_or_else(|| head.clone(), |e| &head - e);
-    if let Some(own) = all_innovations.last_mut() {
-        *own = concatenate![Axis(0), own.view(), residual.view()];
+    let residual = predicted.as_ref().map(|predicted| measured - predicted);
+    let tests = ResidualTests::of(experiment, prepared, residual.as_ref().map(|residual| residual.view()));
+    // Long records are most of the memory: these arrays are changed in place, and what follows from others is not kept.
+    innovations.iter_mut().for_each(|record| *record *= &scales);
+    if let Some(own) = innovations.last_mut() {
+        let residual = residual.unwrap_or_else(|| Array2::from_elem(measured.dim(), f64::NAN));
+        own.append(Axis(0), residual.view()).expect("both have a column for each output");
     }
-    let whole = |head: Array2<f64>, tail: &Array2<f64>| {
-        let mut all = Array2::zeros((training + held, head.ncols()));
-        all.slice_mut(s![..training, ..]).assign(&head);
-        all.slice_mut(s![training.., ..]).assign(tail);
-        drop(head);
-        add_offsets(prepared, last, &mut all);
-        all
-    };
-    let nothing = Array2::from_elem(head.dim(), f64::NAN);
     Ok(Validation {
         training,
-        inputs: unadvanced(prepared, last),
-        measured: whole(head, measured),
-        predicted: whole(head_predicted, &predicted),
-        free_run: whole(nothing, free_run),
-        innovations: all_innovations,
+        innovations,
         one_step_errors,
         free_run_errors,
         truth_errors: truth_errors.transpose()?,
@@ -108,20 +84,24 @@ pub(super) fn validate(
         cross: tests.cross,
         tests_failed: tests.failed,
         first_lag: first_lag(prepared),
+        held_out: held_out.with_offsets(prepared),
     })
 }
 
 /// The held-out part of the last record, in the data's units (K x p). K includes the last sample even if the input was
 /// advanced.
-struct HeldOut {
-    measured: Array2<f64>,
-    /// Simulation from the last training state; infinite if the model diverges.
-    free_run: Array2<f64>,
-    /// One-step prediction; `None` if there is no stable predictor.
-    predicted: Option<Array2<f64>>,
+#[derive(Debug)]
+pub struct HeldOut {
+    /// The measured outputs.
+    pub measured: Array2<f64>,
+    /// The simulation from the last training state; infinite if the model diverges.
+    pub free_run: Array2<f64>,
+    /// The one-step prediction by the steady-state predictor; `None` if there is no stable predictor.
+    pub predicted: Option<Array2<f64>>,
 }
 
 impl HeldOut {
+    /// Returns the held-out part without the trends that preparation removed.
     fn run(scaled: &Model, gain: Option<&DMatrix<f64>>, state: &[f64], prepared: &Prepared) -> Self {
         let last = prepared.records.len() - 1;
         let (record, training) = (&prepared.records[last], prepared.training[last]);
@@ -131,9 +111,12 @@ impl HeldOut {
         let scales = Array1::from(prepared.output_scales.clone());
         // The sample that the input advance drops: measured, and as the model's state after the others gives it.
         let dropped = &prepared.last_outputs[last];
-        let whole = |array: Array2<f64>, row: Option<Vec<f64>>| match row {
-            Some(row) => concatenate![Axis(0), array, Array1::from(row).insert_axis(Axis(0))] * &scales,
-            None => array * &scales,
+        let whole = |mut array: Array2<f64>, row: Option<Vec<f64>>| {
+            if let Some(row) = row {
+                array = concatenate![Axis(0), array, Array1::from(row).insert_axis(Axis(0))];
+            }
+            array *= &scales;
+            array
         };
         let seen = |state: &DVector<f64>| dropped.as_ref().map(|_| (&scaled.c * state).as_slice().to_vec());
         let measured = whole(outputs.to_owned(), dropped.clone());
@@ -148,6 +131,15 @@ impl HeldOut {
             Some(whole(prediction.predicted, seen(&prediction.final_state)))
         });
         Self { measured, free_run, predicted }
+    }
+
+    /// Adds the trends that preparation removed.
+    fn with_offsets(mut self, prepared: &Prepared) -> Self {
+        let last = prepared.records.len() - 1;
+        let first = prepared.training[last];
+        let arrays = [Some(&mut self.measured), Some(&mut self.free_run), self.predicted.as_mut()];
+        arrays.into_iter().flatten().for_each(|array| add_offsets(prepared, last, first, array));
+        self
     }
 }
 
@@ -189,33 +181,20 @@ impl ResidualTests {
 }
 
 /// Returns the offsets that preparation removed from the outputs of a record, from sample `first` on (count x p).
-pub(super) fn offsets(prepared: &Prepared, record: usize, first: usize, count: usize) -> Array2<f64> {
-    let rate = prepared.records[record].sample_rate_hz;
-    let lines = &prepared.lines[record][1];
-    Array2::from_shape_fn((count, lines.len()), |(k, i)| {
-        lines[i].offset + lines[i].slope_per_s * ((first + k) as f64 / rate)
-    })
+fn offsets(prepared: &Prepared, record: usize, first: usize, count: usize) -> Array2<f64> {
+    let mut offsets = Array2::zeros((count, prepared.output_scales.len()));
+    add_offsets(prepared, record, first, &mut offsets);
+    offsets
 }
 
-/// Adds the [`offsets`] of a record in place.
-fn add_offsets(prepared: &Prepared, record: usize, outputs: &mut Array2<f64>) {
+/// Adds the offsets that preparation removed to outputs of a record, from sample `first` on, in place.
+pub(super) fn add_offsets(prepared: &Prepared, record: usize, first: usize, outputs: &mut Array2<f64>) {
     let rate = prepared.records[record].sample_rate_hz;
     for (mut column, line) in outputs.columns_mut().into_iter().zip(&prepared.lines[record][1]) {
         for (k, value) in column.iter_mut().enumerate() {
-            *value += line.offset + line.slope_per_s * (k as f64 / rate);
+            *value += line.offset + line.slope_per_s * ((first + k) as f64 / rate);
         }
     }
-}
-
-/// Returns the inputs of a record at the samples of its outputs, in the data's units; NaN for the first sample if it
-/// was lost to the input advance.
-fn unadvanced(prepared: &Prepared, record: usize) -> Array2<f64> {
-    let own = prepared.inputs_in_units(record, 0, &prepared.records[record].inputs);
-    if prepared.advanced == 0 {
-        return own;
-    }
-    let first = Array2::from_elem((1, own.ncols()), f64::NAN);
-    concatenate![Axis(0), first, own]
 }
 
 /// Returns the noise of each output over its RMS, from the spread of averaged repeats or of the periods named in the

@@ -78,7 +78,7 @@ fn the_refined_model_finds_the_plant_with_as_many_states_as_it_has() {
         let subspace = outcome.simulation.subspace.as_ref().unwrap();
         assert!(response_error(&subspace.model, &plant(direct)) < 0.02);
         // Noise is what it leaves, over the very samples that PLID's model is held against.
-        let floor = 0.02 / rms(outcome.validation.measured.column(0).iter().map(|y| y - 40.0));
+        let floor = 0.02 / rms(outcome.validation.held_out.measured.column(0).iter().map(|y| y - 40.0));
         let left = refined.free_run_errors.relative[0];
         assert!((0.85 * floor..1.15 * floor).contains(&left), "direct {direct}: {left} against {floor}");
         assert_eq!(refined.free_run_errors.samples, outcome.validation.free_run_errors.samples);

@@ -113,7 +113,7 @@ fn a_known_plant_is_found_in_the_datas_units() {
         }
         // The noise is all that a true model leaves.
         let left = &outcome.validation;
-        let floor = 0.01 / ndarray_rms(&left.measured, 0, 40.0);
+        let floor = 0.01 / ndarray_rms(&left.held_out.measured, 0, 40.0);
         let free_run = left.free_run_errors.relative[0];
         assert!((0.8 * floor..1.3 * floor).contains(&free_run), "direct {direct}: {free_run} against {floor}");
         assert!(left.one_step_errors.as_ref().unwrap().relative[0] < 1.3 * floor);
@@ -443,11 +443,14 @@ fn the_truss_takes_its_input_from_a_file() {
         12\n[noise]\nfrom = \"paper-squared\"\n";
     let experiment: Experiment = experiment::from_toml(text, "test").unwrap();
     let outcome = carry_out(&experiment, directory.path());
-    assert_eq!(outcome.validation.measured.dim(), (1500, 2));
+    let record = &outcome.prepared.records[0];
+    assert_eq!(record.outputs.dim(), (1500, 2));
+    assert_eq!(outcome.validation.training + outcome.validation.held_out.measured.nrows(), 1500);
     assert_eq!(outcome.sources[0].file, "u.csv");
     assert_eq!(outcome.model.outputs, ["y3", "y1"]);
     // The second input has half the size of the others.
-    let rms = |j: usize| ndarray_rms(&outcome.validation.inputs, j, 0.0);
+    let inputs = outcome.prepared.inputs_in_units(0, 0, &record.inputs);
+    let rms = |j: usize| ndarray_rms(&inputs, j, 0.0);
     assert!((rms(1) / rms(0) - 0.5).abs() < 0.05);
     let truth = outcome.truth.as_ref().unwrap();
     assert_eq!((truth.model.c.nrows(), truth.noise_free.ncols()), (2, 2));
@@ -476,11 +479,11 @@ fn periods_show_the_noise_floor_also_after_decimation() {
         run::carry_out(&config("\"p.csv\"", &text), directory.path(), None, false, &Silent)
     };
     let whole = run("").unwrap();
-    let size = ndarray_rms(&whole.validation.measured, 0, 40.0);
+    let size = ndarray_rms(&whole.validation.held_out.measured, 0, 40.0);
     let floor = whole.validation.noise_floor.as_ref().unwrap()[0];
     assert!((floor * size - 0.1).abs() < 0.01, "{}", floor * size);
     let halved = run("[preparation]\ndecimate_to_hz = 50.0\n").unwrap();
-    let size = ndarray_rms(&halved.validation.measured, 0, 40.0);
+    let size = ndarray_rms(&halved.validation.held_out.measured, 0, 40.0);
     let floor = halved.validation.noise_floor.as_ref().unwrap()[0];
     // Half the band keeps somewhat less than half the power of white noise.
     assert!((0.055..0.075).contains(&(floor * size)), "{}", floor * size);

@@ -1,9 +1,9 @@
 use nalgebra::DMatrix;
-use ndarray::{Array2, Array3, ArrayView2, Axis, concatenate, s};
+use ndarray::{Array2, Array3, ArrayView2, s};
 use plid_fourier::Complex64;
 
 use super::error::{SignalError, check_record, check_rows};
-use super::spectra::{WelchOptions, welch_spectra};
+use super::spectra::{WelchOptions, joint_spectra};
 
 /// A frequency response estimated by Welch's method, with its accuracy.
 ///
@@ -61,12 +61,7 @@ pub fn welch_frf(
     check_rows("the output", outputs, inputs.nrows())?;
     check_varies(inputs)?;
     let (m, p) = (inputs.ncols(), outputs.ncols());
-    let joint = concatenate(Axis(1), &[inputs, outputs]).map_err(|_| SignalError::LengthMismatch {
-        what: "the output",
-        expected: inputs.nrows(),
-        found: outputs.nrows(),
-    })?;
-    let spectra = welch_spectra(joint.view(), options)?;
+    let spectra = joint_spectra(&[inputs, outputs], options)?;
     let freedom = spectra.averages - m as f64;
     if freedom <= 0.0 {
         return Err(SignalError::TooShort {
@@ -112,6 +107,22 @@ pub fn welch_frf(
 }
 
 impl WelchFrf {
+    /// Returns the response of channels that were divided by these scales, in the units that they had before.
+    #[must_use]
+    pub fn in_units(mut self, input_scales: &[f64], output_scales: &[f64]) -> Self {
+        for (j, u) in input_scales.iter().enumerate() {
+            for (i, y) in output_scales.iter().enumerate() {
+                self.response.slice_mut(s![.., i, j]).mapv_inplace(|h| h * (y / u));
+                self.response_std.slice_mut(s![.., i, j]).mapv_inplace(|std| std * (y / u));
+            }
+            self.input_density.column_mut(j).mapv_inplace(|density| density * u * u);
+        }
+        for (i, y) in output_scales.iter().enumerate() {
+            self.output_density.column_mut(i).mapv_inplace(|density| density * y * y);
+        }
+        self
+    }
+
     /// Fills one line from its joint density matrix ((m + p) x (m + p), inputs first), S_uu^{-1} (m x m), and the
     /// number of averages less that of the inputs.
     fn fill_line(&mut self, line: usize, density: ArrayView2<Complex64>, inverse: &DMatrix<Complex64>, freedom: f64) {

@@ -8,7 +8,8 @@ use super::error::{SignalError, check_positive, check_record};
 pub struct WelchOptions {
     /// Sample rate in Hz.
     pub sample_rate_hz: f64,
-    /// Samples in a segment. `None` selects the largest power of two that gives about 15 segments.
+    /// Samples in a segment. `None` selects the largest power of two that gives about 15 segments, or a smaller one
+    /// where the density matrices of all lines would exceed 64 MiB.
     pub segment_length: Option<usize>,
 }
 
@@ -30,6 +31,8 @@ pub struct Spectra {
     pub averages: f64,
 }
 
+/// Entries of the density matrices of all lines, with the default segment length.
+const MOST_ENTRIES: usize = 1 << 22;
 /// Smallest segment length in samples.
 const SHORTEST_SEGMENT: usize = 8;
 
@@ -42,8 +45,16 @@ const SHORTEST_SEGMENT: usize = 8;
 /// [`SignalError::Setting`], [`SignalError::Infinite`] or [`SignalError::NoChannels`].
 pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Spectra, SignalError> {
     check_record("the record", data)?;
+    joint_spectra(&[data], options)
+}
+
+/// Estimates the spectral density matrix of the channels of several arrays (`samples x channels` each, with the same
+/// samples), in their order, as [`welch_spectra`] does for one. No array is copied.
+pub(super) fn joint_spectra(arrays: &[ArrayView2<f64>], options: &WelchOptions) -> Result<Spectra, SignalError> {
     check_positive("sample rate", options.sample_rate_hz)?;
-    let length = options.segment_length.unwrap_or_else(|| default_segment_length(data.nrows()));
+    let samples = arrays.iter().map(|array| array.nrows()).min().unwrap_or(0);
+    let channels = arrays.iter().map(|array| array.ncols()).sum();
+    let length = options.segment_length.unwrap_or_else(|| default_segment_length(samples, channels));
     if length < SHORTEST_SEGMENT || length % 2 == 1 {
         return Err(SignalError::Setting {
             name: "segment length",
@@ -52,20 +63,20 @@ pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Sp
         });
     }
     let too_short = |unit, needed, available| SignalError::TooShort { what: "Welch's method", unit, needed, available };
-    if data.nrows() < length {
-        return Err(too_short("samples", length, data.nrows()));
+    if samples < length {
+        return Err(too_short("samples", length, samples));
     }
 
     let window = hann(length);
     let power: f64 = window.iter().map(|w| w * w).sum();
-    let (lines, channels) = (length / 2 + 1, data.ncols());
+    let lines = length / 2 + 1;
     let mut sum = Array3::<Complex64>::zeros((lines, channels, channels));
     let (mut used, mut skipped, mut neighbours) = (0, 0, 0);
     let mut last_used = false;
     let mut spectrum = Array2::<Complex64>::zeros((channels, lines));
-    for start in (0..=data.nrows() - length).step_by(length / 2) {
-        let segment = data.slice(s![start..start + length, ..]);
-        if segment.iter().any(|value| value.is_nan()) {
+    for start in (0..=samples - length).step_by(length / 2) {
+        let segment: Vec<_> = arrays.iter().map(|array| array.slice(s![start..start + length, ..])).collect();
+        if segment.iter().flatten().any(|value| value.is_nan()) {
             skipped += 1;
             last_used = false;
             continue;
@@ -73,7 +84,7 @@ pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Sp
         used += 1;
         neighbours += usize::from(last_used);
         last_used = true;
-        add_periodogram(segment, &window, &mut spectrum, &mut sum);
+        add_periodogram(&segment, &window, &mut spectrum, &mut sum);
     }
     if used == 0 {
         return Err(too_short("segments without a missing sample", 1, 0));
@@ -99,14 +110,14 @@ pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Sp
 
 /// Adds the cross-periodograms of a windowed segment without its mean. `spectrum` (channels x lines) is overwritten.
 fn add_periodogram(
-    segment: ArrayView2<f64>,
+    segment: &[ArrayView2<f64>],
     window: &[f64],
     spectrum: &mut Array2<Complex64>,
     sum: &mut Array3<Complex64>,
 ) {
     let length = window.len();
     let (channels, lines) = spectrum.dim();
-    for (channel, column) in segment.columns().into_iter().enumerate() {
+    for (channel, column) in segment.iter().flat_map(|array| array.columns()).enumerate() {
         let mean = column.sum() / length as f64;
         let windowed: Vec<f64> = column.iter().zip(window).map(|(x, w)| (x - mean) * w).collect();
         spectrum.row_mut(channel).assign(&ArrayView1::from(&plid_fourier::forward(&windowed)));
@@ -125,9 +136,10 @@ fn hann(length: usize) -> Vec<f64> {
     (0..length).map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / length as f64).cos()).collect()
 }
 
-fn default_segment_length(samples: usize) -> usize {
+fn default_segment_length(samples: usize, channels: usize) -> usize {
     let mut length = SHORTEST_SEGMENT;
-    while length * 2 <= samples / 8 {
+    // A segment of twice this length has `length` lines.
+    while length * 2 <= samples / 8 && length * channels * channels <= MOST_ENTRIES {
         length *= 2;
     }
     length
