@@ -4,13 +4,15 @@ use std::convert::Infallible;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use nalgebra::{DMatrix, DVector, DVectorView};
-use plid_lsq::{Damping, Normal, Stop, minimise};
+use plid_lsq::{Damping, Ended, Normal, Stop, minimise};
 
+use crate::case::record::Channels;
 use crate::effects::Range;
 use crate::fit::candidate::in_words;
 use crate::fit::problem::{Placed, sum_of_squares};
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
+use crate::in_loop::slopes::{Slopes, difference, unit};
 
 /// Step of a difference quotient, in the logarithm of a positive parameter: large compared with the rounding of a
 /// simulator with contacts, small compared with the range over which the laws curve.
@@ -27,17 +29,30 @@ const DAMPING: Damping = Damping { start: 1e-3, shrink: 0.1, grow: 10.0, least: 
 struct Fitting<'f, 'a, 's> {
     problem: &'f Problem<'a>,
     runs: Mutex<&'f mut Runs<'s>>,
+    /// The derivatives at the point from which steps are taken.
+    slopes: Option<Slopes>,
 }
 
 impl<'a> Problem<'a> {
     /// Fits the sizes of effects, and the nuisances within their limits, by damped Gauss-Newton steps on runs of the
-    /// simulator itself. The derivatives by the nuisances are those at the simulator as given. The cost of a run that
-    /// fails is infinite. A step is begun only if the bounds on the runs allow it with all of its dampings.
-    pub fn fit(&self, runs: &mut Runs, start: Fit<'a>, steps: usize, gain: f64) -> Fit<'a> {
-        let mut fitting = Fitting { problem: self, runs: Mutex::new(runs) };
-        let stop = Stop { steps, gain, ..Stop::default() };
-        let Ok(found) = minimise(&mut fitting, start, DAMPING, stop);
-        if found.steps == 0 {
+    /// simulator itself. The derivatives are difference quotients at first and then carried along the steps, until no
+    /// step lowers the cost any more; then they are difference quotients again. The derivatives by the nuisances are
+    /// those at the simulator as given. The cost of a run that fails is infinite. A step is begun only if the bounds on
+    /// the runs allow it with all of its dampings.
+    pub fn fit(&self, runs: &mut Runs, mut start: Fit<'a>, steps: usize, gain: f64) -> Fit<'a> {
+        start.slopes = None;
+        let mut fitting = Fitting { problem: self, runs: Mutex::new(runs), slopes: None };
+        let stop = |steps: usize| Stop { steps, gain, ..Stop::default() };
+        let Ok(mut found) = minimise(&mut fitting, start, DAMPING, stop(steps));
+        let mut left = steps - found.steps;
+        while left > 0 && found.ended == Ended::Stalled && found.point.slopes.is_some() {
+            found.point.slopes = None;
+            let Ok(again) = minimise(&mut fitting, found.point, DAMPING, stop(left));
+            left -= again.steps;
+            found = again;
+        }
+        found.point.slopes = None;
+        if left == steps {
             return found.point;
         }
         let spread = (found.point.cost / self.rows() as f64).max(1.0);
@@ -50,32 +65,41 @@ impl<'a> Problem<'a> {
     pub fn stated_covariance(&self, runs: &mut Runs, fit: &Fit<'a>, noise: &[f64]) -> Option<DMatrix<f64>> {
         let plain = self.by_noise_alone(noise);
         let at = plain.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());
-        let equations = plain.linearised(runs, &at);
+        let equations = plain.linearised(&at, &plain.slopes(runs, &at));
         let rows = plain.rows();
         let beyond = (sum_of_squares(&at.residual[..rows]) - rows as f64).max(0.0);
         plain.covariance(&equations, &at, 1.0 + beyond)
     }
 
-    fn linearised(&self, runs: &mut Runs, at: &Fit<'a>) -> Normal {
-        let jacobian = self.jacobian(runs, at);
+    fn linearised(&self, at: &Fit<'a>, slopes: &Slopes) -> Normal {
+        let jacobian = self.jacobian(at, slopes);
         let mut equations = Normal::without_memory(jacobian.ncols());
         equations.add(jacobian.as_view(), DVectorView::from_slice(&at.residual, at.residual.len()));
         equations
     }
 
+    /// Returns the difference quotients of the outputs by small steps of each parameter of the effects.
+    fn slopes(&self, runs: &mut Runs, at: &Fit<'a>) -> Slopes {
+        let by_one = |simulated: Result<Vec<Channels>, _>| {
+            // A parameter at its bound may not move, or the simulator may fail there: its derivative is zero.
+            let moved = simulated.unwrap_or_else(|_| at.simulated.clone());
+            let mut change = difference(&moved, &at.simulated);
+            change.iter_mut().flatten().flatten().for_each(|x| *x /= DIFFERENCE);
+            change
+        };
+        let by_parameter = self.simulate_all(runs, &self.shifted(at)).into_iter().map(by_one).collect();
+        Slopes { by_parameter }
+    }
+
     /// Returns the derivatives of the whitened outputs, and of the nuisances' prior, by steps of all parameters.
-    fn jacobian(&self, runs: &mut Runs, at: &Fit<'a>) -> DMatrix<f64> {
+    fn jacobian(&self, at: &Fit<'a>, slopes: &Slopes) -> DMatrix<f64> {
         let (rows, nuisances, count) = (self.rows(), self.nuisances.len(), at.parameters());
         let mut jacobian = DMatrix::zeros(rows + nuisances, count + nuisances);
-        for (k, simulated) in self.simulate_all(runs, &self.shifted(at)).into_iter().enumerate() {
-            // A parameter at its bound may not move, or the simulator may fail there: its derivative stays zero.
-            let Ok(simulated) = simulated else { continue };
-            let change = self.trace(&at.simulated, &simulated);
-            jacobian.view_mut((0, k), (rows, 1)).iter_mut().zip(change).for_each(|(j, x)| *j = x / DIFFERENCE);
+        for (k, slope) in slopes.by_parameter.iter().enumerate() {
+            jacobian.view_mut((0, k), (rows, 1)).copy_from_slice(&self.whiten(slope));
         }
         for (k, nuisance) in self.nuisances.iter().enumerate() {
-            let replaced = at.effects.iter().any(|placed| placed.place == nuisance.place);
-            if !replaced {
+            if !self.is_replaced(nuisance, &at.effects) {
                 jacobian.view_mut((0, count + k), (rows, 1)).copy_from_slice(&nuisance.trace);
             }
             jacobian[(rows + k, count + k)] = 1.0;
@@ -94,7 +118,8 @@ impl<'a> Problem<'a> {
     fn runs_of_step(&self, runs: &Runs, at: &Fit<'a>) -> usize {
         let all = vec![DIFFERENCE; at.parameters() + self.nuisances.len()];
         let step = self.needed(runs, &[self.moved(at, &all)]);
-        self.needed(runs, &self.shifted(at)) + DAMPING.tries * step
+        let derivatives = if at.slopes.is_some() { 0 } else { self.needed(runs, &self.shifted(at)) };
+        derivatives + DAMPING.tries * step
     }
 
     /// Returns effects and nuisances after a step: in the logarithm of a positive parameter, and in units of any other.
@@ -143,7 +168,9 @@ impl<'a> plid_lsq::Problem for Fitting<'_, 'a, '_> {
     }
 
     fn linearise(&mut self, at: &Fit<'a>, equations: &mut Normal) -> Result<(), Infallible> {
-        *equations = self.problem.linearised(&mut self.runs(), at);
+        let slopes = at.slopes.clone().unwrap_or_else(|| self.problem.slopes(&mut self.runs(), at));
+        *equations = self.problem.linearised(at, &slopes);
+        self.slopes = Some(slopes);
         Ok(())
     }
 
@@ -160,7 +187,11 @@ impl<'a> plid_lsq::Problem for Fitting<'_, 'a, '_> {
     fn advance(&self, from: &Fit<'a>, step: &DVector<f64>, to: &mut Fit<'a>) {
         let (effects, eta) = self.problem.moved(from, step.as_slice());
         *to = match self.problem.simulate(&mut self.runs(), &effects, &eta) {
-            Ok(simulated) => self.problem.as_is(effects, eta, simulated),
+            Ok(simulated) => {
+                let mut at = self.problem.as_is(effects, eta, simulated);
+                at.slopes = self.slopes.as_ref().and_then(|slopes| slopes.carry(self.problem, from, &at));
+                at
+            }
             Err(_) => Fit { cost: f64::INFINITY, ..from.clone() },
         };
     }
@@ -168,9 +199,4 @@ impl<'a> plid_lsq::Problem for Fitting<'_, 'a, '_> {
     fn cost(&self, at: &Fit<'a>) -> f64 {
         at.cost
     }
-}
-
-/// The unit of steps in a parameter of any sign.
-fn unit(value: f64) -> f64 {
-    if value == 0.0 { 1.0 } else { value.abs() }
 }

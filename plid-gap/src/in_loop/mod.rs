@@ -25,6 +25,7 @@ mod report;
 mod runs;
 mod screen;
 mod search;
+mod slopes;
 mod survey;
 
 pub use answer::{LoopDiagnosis, LoopGap, SimulatorWithEffects, WrittenPort};

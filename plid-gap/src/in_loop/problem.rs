@@ -8,6 +8,7 @@ use crate::effects::{Effect, Place, Setting};
 use crate::fit::problem::{Placed, dot, sum_of_squares};
 use crate::in_loop::parameter::SimulatorParameter;
 use crate::in_loop::runs::Runs;
+use crate::in_loop::slopes::{Slopes, difference};
 use crate::noise::NoiseModel;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
@@ -57,6 +58,8 @@ pub(super) struct Fit<'a> {
     pub cost: f64,
     /// Covariance of the effects' parameters, if they were fitted and the records determine them.
     pub covariance: Option<DMatrix<f64>>,
+    /// Derivatives of the outputs here, if an earlier step gave them.
+    pub slopes: Option<Slopes>,
 }
 
 impl Fit<'_> {
@@ -162,7 +165,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Returns whitened channels of all records.
-    fn whiten(&self, channels: &[Channels]) -> Vec<f64> {
+    pub fn whiten(&self, channels: &[Channels]) -> Vec<f64> {
         let mut to = vec![0.0; self.rows()];
         let mut at = 0;
         for (whitener, y) in self.whiteners.iter().zip(channels) {
@@ -174,17 +177,19 @@ impl<'a> Problem<'a> {
 
     /// Returns the effects, followed by those nuisances that are not zero and that no effect replaces.
     pub fn with_nuisances(&self, effects: &[Placed<'a>], eta: &[f64]) -> Vec<Placed<'a>> {
-        let off = self
-            .nuisances
-            .iter()
-            .zip(eta)
-            .filter(|(nuisance, eta)| **eta != 0.0 && !effects.iter().any(|placed| placed.place == nuisance.place));
+        let off = self.nuisances.iter().zip(eta);
+        let off = off.filter(|(nuisance, eta)| **eta != 0.0 && !self.is_replaced(nuisance, effects));
         let moved = off.map(|(nuisance, eta)| Placed {
             effect: nuisance.effect as &dyn Effect,
             place: nuisance.place.clone(),
             parameters: vec![nuisance.value + eta * nuisance.std],
         });
         effects.iter().cloned().chain(moved).collect()
+    }
+
+    /// Returns whether one of the effects is a nuisance's own parameter, which is then a cause.
+    pub fn is_replaced(&self, nuisance: &Nuisance, effects: &[Placed]) -> bool {
+        effects.iter().any(|placed| placed.place == nuisance.place)
     }
 
     /// Simulates the records with effects and nuisances.
@@ -240,7 +245,7 @@ impl<'a> Problem<'a> {
         let mut residual = self.whitened(&simulated);
         residual.extend(eta.iter().map(|eta| -eta));
         let cost = sum_of_squares(&residual);
-        Fit { effects, eta, simulated, residual, cost, covariance: None }
+        Fit { effects, eta, simulated, residual, cost, covariance: None, slopes: None }
     }
 
     /// Measures the change of the outputs by each nuisance at the simulator as given.
@@ -277,9 +282,4 @@ impl<'a> Problem<'a> {
         }
         left
     }
-}
-
-fn difference(to: &[Channels], from: &[Channels]) -> Vec<Channels> {
-    let channel = |(to, from): (&Vec<f64>, &Vec<f64>)| to.iter().zip(from).map(|(a, b)| a - b).collect();
-    to.iter().zip(from).map(|(to, from)| to.iter().zip(from).map(channel).collect()).collect()
 }
