@@ -53,7 +53,8 @@ impl Normal {
 
     /// Adds data: the Jacobian of the model (rows x parameters) and the residual.
     pub fn add(&mut self, jacobian: DMatrixView<'_, f64>, residual: DVectorView<'_, f64>) {
-        self.matrix.gemm_tr(1.0, &jacobian, &jacobian, 1.0);
+        // The library multiplies in blocks only where no factor is given as a transpose.
+        self.matrix.gemm(1.0, &jacobian.transpose(), &jacobian, 1.0);
         self.right.gemv_tr(1.0, &jacobian, &residual, 1.0);
     }
 
