@@ -50,7 +50,7 @@
 //!
 //! | feature | adds |
 //! |---|---|
-//! | `nalgebra` (default), `faer` | backends on these libraries of matrices |
+//! | `nalgebra`, `faer` | backends on these libraries of matrices |
 //! | `threads` | a backend on two threads; the search for noise covariances on all |
 //! | `signal` | spectra, correlations and error measures of records |
 //! | `refine` | models refined for simulation |
@@ -63,11 +63,14 @@
 //! # Profile
 //!
 //! A release build needs no settings. In a debug build the arithmetic is slow unless these lines in your `Cargo.toml`
-//! optimise the dependencies:
+//! optimise it. The last two leave out the debug information of the dependencies, which takes long to compile.
 //!
 //! ```toml
-//! [profile.dev.package."*"]
+//! [profile.dev]
 //! opt-level = 2
+//!
+//! [profile.dev.package."*"]
+//! debug = false
 //! ```
 
 #[doc(inline)]
