@@ -294,7 +294,7 @@ fn result(outcome: &Outcome, path: &Path) -> Result<Value, RunError> {
         "joint_states": states * (record.input_names.len() + record.output_names.len() + 1),
         "training_samples":
             outcome.streamed.as_ref().map_or_else(|| outcome.prepared.training.iter().sum::<usize>(), |s| s.training),
-        "held_out_samples": validation.held_out.measured.nrows(),
+        "held_out_samples": validation.held_out_samples,
         "input_advanced_by": outcome.prepared.advanced,
         "operating_point": operating_point(outcome),
         "held_out": held_out(outcome),

@@ -1,5 +1,6 @@
 //! The report of a run: the verdict and the plots, followed by the detailed figures.
 
+use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::error::RunError;
@@ -9,7 +10,7 @@ use super::{Outcome, PeakRow};
 use crate::experiment::to_toml;
 use crate::identify::Trial;
 use plid_data::Record;
-use plid_model::signal::{WelchFrf, WelchOptions, convergence, welch_frf};
+use plid_model::signal::{Correlation, WelchFrf, WelchOptions, convergence, welch_frf};
 use plid_model::{FrequencyResponse, Mode, mode_deviations, response_variance};
 use plid_report::{
     Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, ModeSet, Report, Scale, Series, Table, Trace, chart,
@@ -18,8 +19,8 @@ use plid_report::{
 
 /// Number of frequencies at which a model's response is plotted.
 const LINES: usize = 400;
-/// Number of samples in the time plots.
-const WINDOW: usize = 400;
+/// Largest number of inputs, and of outputs, whose pairs are plotted. More panels side by side cannot be read.
+const DRAWN: usize = 6;
 /// Modes weaker than the strongest by more than this, in dB, are omitted from the plot; the table lists all of them.
 const FAINT_DB: f64 = 70.0;
 
@@ -100,13 +101,10 @@ fn traces(report: Report, outcome: &Outcome, record: &Record, rate: f64) -> Repo
     let validation = &outcome.validation;
     let unit = outcome.experiment.data.output_unit.clone().unwrap_or_default();
     let HeldOut { measured, predicted, free_run } = &validation.held_out;
-    let shown = validation.training..validation.training + WINDOW.min(measured.nrows());
+    let shown = validation.training..validation.training + measured.nrows();
+    let free_run = Some(free_run).filter(|_| validation.free_run_errors.overall_relative.is_finite());
     let columns: Vec<[Option<Vec<f64>>; 3]> = (0..record.output_names.len())
-        .map(|i| {
-            let free_run = Some(free_run).filter(|_| validation.free_run_errors.overall_relative.is_finite());
-            [Some(measured), predicted.as_ref(), free_run]
-                .map(|array| array.map(|array| array.slice(ndarray::s![..shown.len(), i]).to_vec()))
-        })
+        .map(|i| [Some(measured), predicted.as_ref(), free_run].map(|array| array.map(|a| a.column(i).to_vec())))
         .collect();
     let traces: Vec<Trace<'_>> = columns
         .iter()
@@ -233,7 +231,8 @@ fn response_caption(outcome: &Outcome, measured: Option<&WelchFrf>) -> String {
     };
     format!(
         "Frequency responses of every input-output pair: {measured}; identified, with a band of two standard \
-         deviations{truth}."
+         deviations{truth}.{}",
+        undrawn(outcome)
     )
 }
 
@@ -245,10 +244,11 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
         ..outcome.model.clone()
     };
     let variances = response_variance(&with_covariance, &hz, advance)?;
-    let truth = outcome.truth.as_ref().map(|truth| FrequencyResponse::of(&truth.model));
+    let truth = outcome.truth.as_ref().map(|truth| over(&truth.model, &hz));
     let mut plots = Vec::new();
-    for i in 0..outcome.model.p() {
-        for j in 0..outcome.model.m() {
+    let (outputs, inputs) = drawn(outcome);
+    for i in 0..outputs {
+        for j in 0..inputs {
             let identified = FrfCurve {
                 frequency_hz: hz.clone(),
                 response: variances.iter().map(|v| complex(v.response[(i, j)])).collect(),
@@ -256,12 +256,36 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
             };
             plots.push(FrfPlot {
                 identified: Some(identified),
-                truth: truth.as_ref().map(|truth| curve(&hz, |f| complex(truth.at(f)[(i, j)]))),
+                truth: truth.as_ref().map(|truth| curve(&hz, truth, (i, j))),
                 ..measured_pair(outcome, measured, band, (i, j))
             });
         }
     }
-    Ok(frf_grid(outcome.model.inputs.len(), &plots))
+    Ok(frf_grid(inputs, &plots))
+}
+
+/// Returns how many outputs and inputs are plotted: the first ones.
+pub(super) fn drawn(outcome: &Outcome) -> (usize, usize) {
+    (outcome.model.p().min(DRAWN), outcome.model.m().min(DRAWN))
+}
+
+/// Returns a sentence on the pairs that are not plotted, or nothing.
+pub(super) fn undrawn(outcome: &Outcome) -> String {
+    let (outputs, inputs) = drawn(outcome);
+    if outputs == outcome.model.p() && inputs == outcome.model.m() {
+        return String::new();
+    }
+    format!(
+        " Plotted are the first {outputs} of {} outputs and {inputs} of {} inputs.",
+        outcome.model.p(),
+        outcome.model.m()
+    )
+}
+
+/// Returns the response of a model (p x m) at frequencies in Hz.
+pub(super) fn over(model: &plid_model::Model, hz: &[f64]) -> Vec<DMatrix<Complex64>> {
+    let response = FrequencyResponse::of(model);
+    hz.iter().map(|&f| response.at(f)).collect()
 }
 
 /// Returns the frequencies at which models are plotted, in Hz.
@@ -271,9 +295,9 @@ pub(super) fn lines(outcome: &Outcome, (low, high): (f64, f64)) -> Vec<f64> {
     (0..LINES).map(|k| bottom + (top - bottom) * k as f64 / (LINES - 1) as f64).collect()
 }
 
-/// Returns a response without an uncertainty band.
-pub(super) fn curve(hz: &[f64], at: impl Fn(f64) -> Complex64) -> FrfCurve {
-    FrfCurve { frequency_hz: hz.to_vec(), response: hz.iter().map(|&f| at(f)).collect(), std: None }
+/// Returns one pair of a response, without an uncertainty band.
+pub(super) fn curve(hz: &[f64], response: &[DMatrix<Complex64>], pair: (usize, usize)) -> FrfCurve {
+    FrfCurve { frequency_hz: hz.to_vec(), response: response.iter().map(|h| h[pair]).collect(), std: None }
 }
 
 /// Returns the plot of output i and input j with the measured response, without a model.
@@ -473,9 +497,8 @@ fn residuals(report: Report, outcome: &Outcome) -> Report {
         let reason = validation.tests_failed.clone().unwrap_or_else(|| "the model has no one-step prediction".into());
         return report.paragraph(format!("The residuals were not tested: {reason}."));
     }
-    let auto: Vec<(String, &plid_model::signal::Correlation)> =
-        outcome.model.outputs.iter().cloned().zip(&validation.whiteness).collect();
-    let cross: Vec<(String, &plid_model::signal::Correlation)> = validation
+    let auto: Vec<(String, &Correlation)> = outcome.model.outputs.iter().cloned().zip(&validation.whiteness).collect();
+    let mut cross: Vec<(String, &Correlation)> = validation
         .cross
         .iter()
         .zip(&outcome.model.outputs)
@@ -483,8 +506,7 @@ fn residuals(report: Report, outcome: &Outcome) -> Report {
             row.iter().zip(&outcome.model.inputs).map(move |(c, input)| (format!("{output} after {input}"), c))
         })
         .collect();
-    let count =
-        |list: &[(String, &plid_model::signal::Correlation)]| list.iter().filter(|(_, c)| c.test.passes).count();
+    let count = |list: &[(String, &Correlation)]| list.iter().filter(|(_, c)| c.test.passes).count();
     let sentence = format!(
         "{} of {} outputs pass the whiteness test (Ljung-Box, 1 %), {} of {} pairs the test of independence from past \
          inputs.",
@@ -493,6 +515,7 @@ fn residuals(report: Report, outcome: &Outcome) -> Report {
         count(&cross),
         cross.len()
     );
+    let least_likely = keep_least_likely(&mut cross, DRAWN * DRAWN);
     report
         .paragraph(sentence)
         .figure(
@@ -502,10 +525,26 @@ fn residuals(report: Report, outcome: &Outcome) -> Report {
         .figure(
             correlation_plot("cross-correlation", outcome.model.inputs.len().min(3), &cross),
             format!(
-                "Correlation of the residuals with the inputs, from lag {} on, with 99 % confidence bounds.",
+                "Correlation of the residuals with the inputs, from lag {} on, with 99 % confidence bounds.\
+                 {least_likely}",
                 validation.first_lag
             ),
         )
+}
+
+/// Keeps the correlations that chance would make least often, in their order, and returns a sentence that says so; none
+/// if all are kept.
+fn keep_least_likely(cross: &mut Vec<(String, &Correlation)>, most: usize) -> String {
+    let all = cross.len();
+    if all <= most {
+        return String::new();
+    }
+    let mut p_values: Vec<f64> = cross.iter().map(|(_, c)| c.test.p_value).collect();
+    p_values.sort_by(f64::total_cmp);
+    let limit = p_values[most - 1];
+    cross.retain(|(_, c)| c.test.p_value <= limit);
+    cross.truncate(most);
+    format!(" Plotted are the {most} of {all} pairs with the smallest p-values.")
 }
 
 fn searches(report: Report, outcome: &Outcome) -> Report {

@@ -1,12 +1,14 @@
 //! The report section on models for simulation: the recursive, the refined and the subspace model side by side.
 
+use nalgebra::DMatrix;
+use num_complex::Complex64;
 use plid_model::signal::WelchFrf;
-use plid_model::{FrequencyResponse, Mode, modes};
+use plid_model::{Mode, modes};
 use plid_refine::{Noise, Score};
 
 use super::Outcome;
 use super::error::RunError;
-use super::report::{complex, curve, is_drawn, lines, measured_pair};
+use super::report::{curve, drawn, is_drawn, lines, measured_pair, over, undrawn};
 use super::simulation::Alternative;
 use plid_report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Table, frf_grid, mode_map, percent};
 
@@ -58,8 +60,11 @@ pub(super) fn section(
     let mut report =
         report.heading("Models for simulation").paragraph(origin(outcome)).table(errors(outcome, &models)).figure(
             responses(outcome, &models, measured, band)?,
-            "Frequency responses of the models; the band of the refined model is two standard deviations and accounts \
-             for noise alone.",
+            format!(
+                "Frequency responses of the models; the band of the refined model is two standard deviations and \
+                 accounts for noise alone.{}",
+                undrawn(outcome)
+            ),
         );
     let poles = poles(outcome, &models, band)?;
     if poles.iter().any(|set| !set.frequency_hz.is_empty()) {
@@ -161,19 +166,19 @@ fn responses(
     band: (f64, f64),
 ) -> Result<String, RunError> {
     let hz = lines(outcome, band);
-    let own = FrequencyResponse::of(&outcome.model);
-    let others: Vec<(&str, FrequencyResponse)> =
-        models.iter().map(|(name, model)| (*name, FrequencyResponse::of(&model.model))).collect();
+    let own = over(&outcome.model, &hz);
+    let others: Vec<_> = models.iter().map(|(name, model)| (*name, over(&model.model, &hz))).collect();
     let bands = match &outcome.simulation.refined {
         Some((_, path)) => Some(path.response_variance(&hz)?.iter().map(|v| v.magnitude_std()).collect::<Vec<_>>()),
         None => None,
     };
-    let truth = outcome.truth.as_ref().map(|truth| FrequencyResponse::of(&truth.model));
+    let truth = outcome.truth.as_ref().map(|truth| over(&truth.model, &hz));
     let mut plots = Vec::new();
-    for i in 0..outcome.model.p() {
-        for j in 0..outcome.model.m() {
-            let of = |response: &FrequencyResponse| curve(&hz, |f| complex(response.at(f)[(i, j)]));
-            let named = |(name, response): &(&str, FrequencyResponse)| {
+    let (outputs, inputs) = drawn(outcome);
+    for i in 0..outputs {
+        for j in 0..inputs {
+            let of = |response: &Vec<DMatrix<Complex64>>| curve(&hz, response, (i, j));
+            let named = |(name, response): &(&str, Vec<DMatrix<Complex64>>)| {
                 let std = bands.as_ref().filter(|_| *name == "refined");
                 let std = std.map(|all| all.iter().map(|s| s[(i, j)]).collect());
                 (name.to_string(), FrfCurve { std, ..of(response) })
@@ -186,7 +191,7 @@ fn responses(
             });
         }
     }
-    Ok(frf_grid(outcome.model.m(), &plots))
+    Ok(frf_grid(inputs, &plots))
 }
 
 fn poles(

@@ -11,7 +11,7 @@ use plid_model::{ChannelScaling, Model, ResponseVariance, one_step_prediction, s
 use plid_refine::{Candidate, Noise, Options, Record, RefineError, Refined, Score, Start, Uncertainty, fit_predictor};
 
 use super::error::RunError;
-use super::validate::{Errors, add_offsets};
+use super::validate::Errors;
 use crate::experiment::{Experiment, Refinement};
 use plid_data::prepare::Prepared;
 use plid_work::Progress;
@@ -28,10 +28,7 @@ const ALIKE: f64 = 0.01;
 pub struct Alternative {
     /// The model in the data's units, with the gain of its steady-state predictor.
     pub model: Model,
-    /// Simulation of the held-out part of the last record (K x p, in the data's units), continued from the training
-    /// part.
-    pub free_run: Array2<f64>,
-    /// Errors of the simulation.
+    /// Errors of the simulation of the held-out part of the last record, continued from the training part.
     pub free_run_errors: Errors,
     /// One-step errors of the steady-state predictor; `None` if there is none.
     pub one_step_errors: Option<Errors>,
@@ -265,9 +262,7 @@ impl Bench<'_> {
         let predicted = one_step_prediction(&model, record.inputs, record.outputs.view(), state).ok();
         let one_step_errors = predicted.map(|p| self.errors(p.predicted.slice(s![cut.., ..]))).transpose()?;
         let run = simulate(&model, record.inputs, state)?.outputs;
-        let free_run = run.slice(s![cut.., ..]);
-        let free_run_errors = self.errors(free_run)?;
-        let free_run = self.in_units(free_run);
+        let free_run_errors = self.errors(run.slice(s![cut.., ..]))?;
         let scaling = ChannelScaling {
             input_mean: vec![0.0; model.m()],
             input_scale: self.prepared.input_scales.clone(),
@@ -275,7 +270,7 @@ impl Bench<'_> {
             output_scale: self.prepared.output_scales.clone(),
         };
         let model = undo_scaling(&model, &scaling)?;
-        Ok(Alternative { model, free_run, free_run_errors, one_step_errors })
+        Ok(Alternative { model, free_run_errors, one_step_errors })
     }
 
     /// Returns the errors of scaled outputs over the held-out part, in the data's units.
@@ -284,14 +279,6 @@ impl Bench<'_> {
         let scales = ndarray::Array1::from(self.prepared.output_scales.clone());
         let measured = &record.outputs.slice(s![record.training.., ..]) * &scales;
         Ok(error_measures(measured.view(), (&found * &scales).view())?)
-    }
-
-    /// Converts held-out outputs to the data's units, with the offsets that preparation removed.
-    fn in_units(&self, held: ArrayView2<'_, f64>) -> Array2<f64> {
-        let last = self.records.len() - 1;
-        let mut drawn = &held * &ndarray::Array1::from(self.prepared.output_scales.clone());
-        add_offsets(self.prepared, last, self.prepared.training[last], &mut drawn);
-        drawn
     }
 }
 

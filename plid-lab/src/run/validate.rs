@@ -21,7 +21,9 @@ pub type Errors = ErrorMeasures;
 pub struct Validation {
     /// Number of training samples of the last record.
     pub training: usize,
-    /// The samples after them.
+    /// Number of samples after them.
+    pub held_out_samples: usize,
+    /// The first of these, at most 400, as reports draw them.
     pub held_out: HeldOut,
     /// Innovations, one array per record; the held-out part of the last record is from the steady-state predictor.
     pub innovations: Vec<Array2<f64>>,
@@ -75,6 +77,7 @@ pub(super) fn validate(
     }
     Ok(Validation {
         training,
+        held_out_samples: measured.nrows(),
         innovations,
         one_step_errors,
         free_run_errors,
@@ -84,9 +87,12 @@ pub(super) fn validate(
         cross: tests.cross,
         tests_failed: tests.failed,
         first_lag: first_lag(prepared),
-        held_out: held_out.with_offsets(prepared),
+        held_out: held_out.shown(prepared),
     })
 }
+
+/// Number of held-out samples that are kept for reports. Long records are most of the memory of a run.
+const SHOWN: usize = 400;
 
 /// The held-out part of the last record, in the data's units (K x p). K includes the last sample even if the input was
 /// advanced.
@@ -133,13 +139,19 @@ impl HeldOut {
         Self { measured, free_run, predicted }
     }
 
-    /// Adds the trends that preparation removed.
-    fn with_offsets(mut self, prepared: &Prepared) -> Self {
+    /// Returns the first samples, with the trends that preparation removed.
+    fn shown(&self, prepared: &Prepared) -> Self {
         let last = prepared.records.len() - 1;
-        let first = prepared.training[last];
-        let arrays = [Some(&mut self.measured), Some(&mut self.free_run), self.predicted.as_mut()];
-        arrays.into_iter().flatten().for_each(|array| add_offsets(prepared, last, first, array));
-        self
+        let first = |array: &Array2<f64>| {
+            let mut first = array.slice(s![..SHOWN.min(array.nrows()), ..]).to_owned();
+            add_offsets(prepared, last, prepared.training[last], &mut first);
+            first
+        };
+        Self {
+            measured: first(&self.measured),
+            free_run: first(&self.free_run),
+            predicted: self.predicted.as_ref().map(first),
+        }
     }
 }
 
@@ -188,7 +200,7 @@ fn offsets(prepared: &Prepared, record: usize, first: usize, count: usize) -> Ar
 }
 
 /// Adds the offsets that preparation removed to outputs of a record, from sample `first` on, in place.
-pub(super) fn add_offsets(prepared: &Prepared, record: usize, first: usize, outputs: &mut Array2<f64>) {
+fn add_offsets(prepared: &Prepared, record: usize, first: usize, outputs: &mut Array2<f64>) {
     let rate = prepared.records[record].sample_rate_hz;
     for (mut column, line) in outputs.columns_mut().into_iter().zip(&prepared.lines[record][1]) {
         for (k, value) in column.iter_mut().enumerate() {

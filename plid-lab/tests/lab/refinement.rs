@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::{DMatrix, DVector};
-use ndarray::Array2;
+use ndarray::{Array2, s};
 use plid_lab::experiment::{self, Experiment};
 use plid_lab::run::{self, Progress, RunError, Silent};
 use plid_model::signal::rms;
@@ -78,7 +78,9 @@ fn the_refined_model_finds_the_plant_with_as_many_states_as_it_has() {
         let subspace = outcome.simulation.subspace.as_ref().unwrap();
         assert!(response_error(&subspace.model, &plant(direct)) < 0.02);
         // Noise is what it leaves, over the very samples that PLID's model is held against.
-        let floor = 0.02 / rms(outcome.validation.held_out.measured.column(0).iter().map(|y| y - 40.0));
+        let held_out =
+            &outcome.prepared.records[1].outputs.column(0).slice(s![outcome.validation.training..]).to_owned();
+        let floor = 0.02 / (outcome.prepared.output_scales[0] * rms(held_out));
         let left = refined.free_run_errors.relative[0];
         assert!((0.85 * floor..1.15 * floor).contains(&left), "direct {direct}: {left} against {floor}");
         assert_eq!(refined.free_run_errors.samples, outcome.validation.free_run_errors.samples);

@@ -113,11 +113,19 @@ fn a_known_plant_is_found_in_the_datas_units() {
         }
         // The noise is all that a true model leaves.
         let left = &outcome.validation;
-        let floor = 0.01 / ndarray_rms(&left.held_out.measured, 0, 40.0);
+        let floor = 0.01 / ndarray_rms(&held_out(&outcome), 0, 40.0);
         let free_run = left.free_run_errors.relative[0];
         assert!((0.8 * floor..1.3 * floor).contains(&free_run), "direct {direct}: {free_run} against {floor}");
         assert!(left.one_step_errors.as_ref().unwrap().relative[0] < 1.3 * floor);
     }
+}
+
+/// The measured outputs of the held-out part of the last record.
+fn held_out(outcome: &run::Outcome) -> ndarray::Array2<f64> {
+    let prepared = &outcome.prepared;
+    let last = prepared.records.len() - 1;
+    let measured = prepared.outputs_in_units(last, 0, &prepared.records[last].outputs);
+    measured.slice(ndarray::s![outcome.validation.training.., ..]).to_owned()
 }
 
 fn ndarray_rms(values: &ndarray::Array2<f64>, column: usize, mean: f64) -> f64 {
@@ -445,7 +453,7 @@ fn the_truss_takes_its_input_from_a_file() {
     let outcome = carry_out(&experiment, directory.path());
     let record = &outcome.prepared.records[0];
     assert_eq!(record.outputs.dim(), (1500, 2));
-    assert_eq!(outcome.validation.training + outcome.validation.held_out.measured.nrows(), 1500);
+    assert_eq!(outcome.validation.training + outcome.validation.held_out_samples, 1500);
     assert_eq!(outcome.sources[0].file, "u.csv");
     assert_eq!(outcome.model.outputs, ["y3", "y1"]);
     // The second input has half the size of the others.
@@ -479,11 +487,11 @@ fn periods_show_the_noise_floor_also_after_decimation() {
         run::carry_out(&config("\"p.csv\"", &text), directory.path(), None, false, &Silent)
     };
     let whole = run("").unwrap();
-    let size = ndarray_rms(&whole.validation.held_out.measured, 0, 40.0);
+    let size = ndarray_rms(&held_out(&whole), 0, 40.0);
     let floor = whole.validation.noise_floor.as_ref().unwrap()[0];
     assert!((floor * size - 0.1).abs() < 0.01, "{}", floor * size);
     let halved = run("[preparation]\ndecimate_to_hz = 50.0\n").unwrap();
-    let size = ndarray_rms(&halved.validation.held_out.measured, 0, 40.0);
+    let size = ndarray_rms(&held_out(&halved), 0, 40.0);
     let floor = halved.validation.noise_floor.as_ref().unwrap()[0];
     // Half the band keeps somewhat less than half the power of white noise.
     assert!((0.055..0.075).contains(&(floor * size)), "{}", floor * size);

@@ -43,12 +43,12 @@ struct Row {
 
 fn row(name: &'static str, outcome: &Outcome, range_v: f64) -> Row {
     let validation = &outcome.validation;
-    let (held, last) = (&validation.held_out.measured, outcome.prepared.records.len() - 1);
-    let whole = outcome.prepared.outputs_in_units(last, 0, &outcome.prepared.records[last].outputs);
-    let training = whole.slice(ndarray::s![..validation.training, ..]);
-    let all = || training.iter().chain(held).copied();
+    let last = outcome.prepared.records.len() - 1;
+    let measured = outcome.prepared.outputs_in_units(last, 0, &outcome.prepared.records[last].outputs);
+    let held = measured.slice(ndarray::s![validation.training.., ..]);
+    let all = || measured.iter().copied();
     let level = rms(held.iter().copied());
-    let clipped = all().filter(|y| y.abs() >= range_v - 0.003).count() as f64 / (training.len() + held.len()) as f64;
+    let clipped = all().filter(|y| y.abs() >= range_v - 0.003).count() as f64 / measured.len() as f64;
     let over = |errors: &[f64]| decibel(level / rms(errors.iter().copied()));
     Row {
         name,
