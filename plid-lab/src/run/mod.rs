@@ -32,7 +32,7 @@ pub use plid_work::{Progress, Silent};
 pub use simulation::{Alternative, Path as RefinementPath, Simulation};
 pub(crate) use start::{canonical, parameters};
 pub use stream::StreamedRun;
-pub use validate::{Errors, HeldOut, Validation};
+pub use validate::{Errors, Shown, Validation};
 
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -5,7 +5,7 @@ use num_complex::Complex64;
 
 use super::error::RunError;
 use super::report_simulation;
-use super::validate::{Errors, HeldOut};
+use super::validate::{Errors, Shown};
 use super::{Outcome, PeakRow};
 use crate::experiment::to_toml;
 use crate::identify::Trial;
@@ -100,7 +100,7 @@ fn convergence_figure(report: Report, outcome: &Outcome, rate: f64) -> Report {
 fn traces(report: Report, outcome: &Outcome, record: &Record, rate: f64) -> Report {
     let validation = &outcome.validation;
     let unit = outcome.experiment.data.output_unit.clone().unwrap_or_default();
-    let HeldOut { measured, predicted, free_run } = &validation.held_out;
+    let Shown { measured, predicted, free_run } = &validation.shown;
     let shown = validation.training..validation.training + measured.nrows();
     let free_run = Some(free_run).filter(|_| validation.free_run_errors.overall_relative.is_finite());
     let columns: Vec<[Option<Vec<f64>>; 3]> = (0..record.output_names.len())

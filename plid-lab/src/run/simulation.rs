@@ -276,9 +276,8 @@ impl Bench<'_> {
     /// Returns the errors of scaled outputs over the held-out part, in the data's units.
     fn errors(&self, found: ArrayView2<'_, f64>) -> Result<Errors, RunError> {
         let record = &self.records[self.records.len() - 1];
-        let scales = ndarray::Array1::from(self.prepared.output_scales.clone());
-        let measured = &record.outputs.slice(s![record.training.., ..]) * &scales;
-        Ok(error_measures(measured.view(), (&found * &scales).view())?)
+        let measured = record.outputs.slice(s![record.training.., ..]);
+        Ok(error_measures(measured, found)?.in_units(&self.prepared.output_scales))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Validation of the fixed model on held-out data: one-step errors, simulation errors and residual tests.
 
 use nalgebra::{DMatrix, DVector};
-use ndarray::{Array1, Array2, ArrayView2, Axis, concatenate, s};
+use ndarray::{Array1, Array2, ArrayView1, ArrayView2, Axis, CowArray, Ix2, concatenate, s};
 
 use super::error::{RunError, setting};
 use super::obtain::Truth;
@@ -24,7 +24,7 @@ pub struct Validation {
     /// Number of samples after them.
     pub held_out_samples: usize,
     /// The first of these, at most 400, as reports draw them.
-    pub held_out: HeldOut,
+    pub shown: Shown,
     /// Innovations, one array per record; the held-out part of the last record is from the steady-state predictor.
     pub innovations: Vec<Array2<f64>>,
     /// One-step errors of the steady-state predictor; `None` if there is none.
@@ -57,24 +57,35 @@ pub(super) fn validate(
     let last = prepared.records.len() - 1;
     let training = prepared.training[last];
     let scales = Array1::from(prepared.output_scales.clone());
-    let held_out = HeldOut::run(scaled, gain, state, prepared);
-    let HeldOut { measured, free_run, predicted } = &held_out;
-    let errors = |response: &Array2<f64>| error_measures(measured.view(), response.view());
-    let one_step_errors = predicted.as_ref().map(errors).transpose()?;
-    let free_run_errors = errors(free_run)?;
+    // Long records are most of the memory: these arrays have scaled channels, and are changed in place.
+    let HeldOut { measured, free_run, predicted } = HeldOut::run(scaled, gain, state, prepared);
+    let errors = |response: ArrayView2<'_, f64>| -> Result<Errors, RunError> {
+        Ok(error_measures(measured.view(), response)?.in_units(&prepared.output_scales))
+    };
+    let one_step_errors = predicted.as_ref().map(|predicted| errors(predicted.view())).transpose()?;
+    let free_run_errors = errors(free_run.view())?;
     let truth_errors = truth.map(|truth| {
         // The true model starts at rest with the record, so no initial state is fitted.
         let from = truth.noise_free.nrows() - measured.nrows();
-        errors(&(&truth.noise_free.slice(s![from.., ..]) - &offsets(prepared, last, training, measured.nrows())))
+        let offsets = offsets(prepared, last, training, measured.nrows());
+        errors(((&truth.noise_free.slice(s![from.., ..]) - &offsets) / &scales).view())
     });
-    let residual = predicted.as_ref().map(|predicted| measured - predicted);
+    let shown = Shown {
+        measured: shown(prepared, measured.view()),
+        free_run: shown(prepared, free_run.view()),
+        predicted: predicted.as_ref().map(|predicted| shown(prepared, predicted.view())),
+    };
+    drop(free_run);
+    let residual = predicted.map(|mut predicted| {
+        predicted.zip_mut_with(&measured, |x, y| *x = y - *x);
+        predicted
+    });
     let tests = ResidualTests::of(experiment, prepared, residual.as_ref().map(|residual| residual.view()));
-    // Long records are most of the memory: these arrays are changed in place, and what follows from others is not kept.
-    innovations.iter_mut().for_each(|record| *record *= &scales);
     if let Some(own) = innovations.last_mut() {
         let residual = residual.unwrap_or_else(|| Array2::from_elem(measured.dim(), f64::NAN));
         own.append(Axis(0), residual.view()).expect("both have a column for each output");
     }
+    innovations.iter_mut().for_each(|record| *record *= &scales);
     Ok(Validation {
         training,
         held_out_samples: measured.nrows(),
@@ -82,22 +93,21 @@ pub(super) fn validate(
         one_step_errors,
         free_run_errors,
         truth_errors: truth_errors.transpose()?,
-        noise_floor: noise_floor(experiment, prepared, measured)?,
+        noise_floor: noise_floor(experiment, prepared, measured.view())?,
         whiteness: tests.whiteness,
         cross: tests.cross,
         tests_failed: tests.failed,
         first_lag: first_lag(prepared),
-        held_out: held_out.shown(prepared),
+        shown,
     })
 }
 
 /// Number of held-out samples that are kept for reports. Long records are most of the memory of a run.
 const SHOWN: usize = 400;
 
-/// The held-out part of the last record, in the data's units (K x p). K includes the last sample even if the input was
-/// advanced.
+/// The first samples of the held-out part of the last record, in the data's units (K x p).
 #[derive(Debug)]
-pub struct HeldOut {
+pub struct Shown {
     /// The measured outputs.
     pub measured: Array2<f64>,
     /// The simulation from the last training state; infinite if the model diverges.
@@ -106,52 +116,57 @@ pub struct HeldOut {
     pub predicted: Option<Array2<f64>>,
 }
 
-impl HeldOut {
-    /// Returns the held-out part without the trends that preparation removed.
-    fn run(scaled: &Model, gain: Option<&DMatrix<f64>>, state: &[f64], prepared: &Prepared) -> Self {
+/// Returns the first of the held-out samples of scaled outputs in the data's units, with the trends that preparation
+/// removed.
+fn shown(prepared: &Prepared, scaled: ArrayView2<'_, f64>) -> Array2<f64> {
+    let last = prepared.records.len() - 1;
+    let scales = Array1::from(prepared.output_scales.clone());
+    let mut first = &scaled.slice(s![..SHOWN.min(scaled.nrows()), ..]) * &scales;
+    add_offsets(prepared, last, prepared.training[last], &mut first);
+    first
+}
+
+/// The held-out part of the last record, with scaled channels (K x p). K includes the last sample even if the input was
+/// advanced.
+struct HeldOut<'a> {
+    measured: CowArray<'a, f64, Ix2>,
+    /// Infinite if the model diverges.
+    free_run: Array2<f64>,
+    /// `None` if there is no stable predictor.
+    predicted: Option<Array2<f64>>,
+}
+
+impl<'a> HeldOut<'a> {
+    fn run(scaled: &Model, gain: Option<&DMatrix<f64>>, state: &[f64], prepared: &'a Prepared) -> Self {
         let last = prepared.records.len() - 1;
         let (record, training) = (&prepared.records[last], prepared.training[last]);
         let x0 = DVector::from_column_slice(state);
         let inputs = record.inputs.slice(s![training.., ..]);
         let outputs = record.outputs.slice(s![training.., ..]);
-        let scales = Array1::from(prepared.output_scales.clone());
         // The sample that the input advance drops: measured, and as the model's state after the others gives it.
         let dropped = &prepared.last_outputs[last];
-        let whole = |mut array: Array2<f64>, row: Option<Vec<f64>>| {
-            if let Some(row) = row {
-                array = concatenate![Axis(0), array, Array1::from(row).insert_axis(Axis(0))];
-            }
-            array *= &scales;
-            array
+        let whole = |array: ArrayView2<'_, f64>, row: &[f64]| {
+            concatenate![Axis(0), array, ArrayView1::from(row).insert_axis(Axis(0))]
         };
-        let seen = |state: &DVector<f64>| dropped.as_ref().map(|_| (&scaled.c * state).as_slice().to_vec());
-        let measured = whole(outputs.to_owned(), dropped.clone());
+        let with_last = |array: Array2<f64>, state: &DVector<f64>| match dropped {
+            Some(_) => whole(array.view(), (&scaled.c * state).as_slice()),
+            None => array,
+        };
+        let measured = match dropped {
+            Some(row) => whole(outputs, row).into(),
+            None => outputs.into(),
+        };
         // A simulation that diverges is a result and not an error: its error is infinite.
         let free_run = simulate(scaled, inputs, &x0).map_or_else(
-            |_| Array2::from_elem(measured.dim(), f64::INFINITY),
-            |simulation| whole(simulation.outputs, seen(&simulation.final_state)),
+            |_| Array2::from_elem(CowArray::dim(&measured), f64::INFINITY),
+            |simulation| with_last(simulation.outputs, &simulation.final_state),
         );
         let predicted = gain.and_then(|gain| {
             let model = Model { predictor_gain: Some(gain.clone()), ..scaled.clone() };
             let prediction = one_step_prediction(&model, inputs, outputs, &x0).ok()?;
-            Some(whole(prediction.predicted, seen(&prediction.final_state)))
+            Some(with_last(prediction.predicted, &prediction.final_state))
         });
         Self { measured, free_run, predicted }
-    }
-
-    /// Returns the first samples, with the trends that preparation removed.
-    fn shown(&self, prepared: &Prepared) -> Self {
-        let last = prepared.records.len() - 1;
-        let first = |array: &Array2<f64>| {
-            let mut first = array.slice(s![..SHOWN.min(array.nrows()), ..]).to_owned();
-            add_offsets(prepared, last, prepared.training[last], &mut first);
-            first
-        };
-        Self {
-            measured: first(&self.measured),
-            free_run: first(&self.free_run),
-            predicted: self.predicted.as_ref().map(first),
-        }
     }
 }
 
@@ -209,15 +224,15 @@ fn add_offsets(prepared: &Prepared, record: usize, first: usize, outputs: &mut A
     }
 }
 
-/// Returns the noise of each output over its RMS, from the spread of averaged repeats or of the periods named in the
+/// Returns the noise of each output over its RMS (`measured` has the scaled outputs), from the spread of averaged repeats or of the periods named in the
 /// config.
 fn noise_floor(
     experiment: &Experiment,
     prepared: &Prepared,
-    measured: &Array2<f64>,
+    measured: ArrayView2<'_, f64>,
 ) -> Result<Option<Vec<f64>>, RunError> {
-    let sizes: Vec<f64> =
-        measured.columns().into_iter().map(|y| rms(y.iter().copied().filter(|x| !x.is_nan()))).collect();
+    let scaled = measured.columns().into_iter().map(rms);
+    let sizes: Vec<f64> = scaled.zip(&prepared.output_scales).map(|(size, scale)| size * scale).collect();
     let over = |noise: Vec<f64>| noise.iter().zip(&sizes).map(|(n, s)| n / s).collect();
     if let Some((noise, count)) = prepared.repeat_noise.first() {
         return Ok(Some(over(noise.rms().iter().map(|n| n / (*count as f64).sqrt()).collect())));

@@ -19,6 +19,15 @@ pub struct ErrorMeasures {
     pub overall_relative: f64,
 }
 
+impl ErrorMeasures {
+    /// Returns the measures of outputs that were divided by these scales, in the units that they had before.
+    #[must_use]
+    pub fn in_units(mut self, scales: &[f64]) -> Self {
+        self.rms_error.iter_mut().zip(scales).for_each(|(error, scale)| *error *= scale);
+        self
+    }
+}
+
 /// Computes the error measures of `predicted` against `measured` (both `samples x p`).
 ///
 /// A NaN in `measured` is a missing sample and is excluded. A prediction that is not finite where the output is present
