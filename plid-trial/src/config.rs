@@ -8,7 +8,7 @@ use plid_testbed::{INPUTS, OUTPUTS};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use crate::vocabulary::{OF_AXES, Outsiders, VOCABULARY, family, whole};
+use crate::vocabulary::{Outsiders, built_in, family, whole};
 
 /// A trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -260,8 +260,7 @@ impl TrialConfig {
     /// Returns the effects to draw from.
     pub fn effects(&self) -> Vec<&str> {
         if self.draw.effects.is_empty() {
-            let all = VOCABULARY.iter().chain(&OF_AXES);
-            all.map(|kind| kind.name).filter(|name| self.is_taken(name)).collect()
+            built_in().iter().map(|kind| kind.name).filter(|name| self.is_taken(name)).collect()
         } else {
             self.draw.effects.iter().map(String::as_str).collect()
         }

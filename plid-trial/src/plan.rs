@@ -11,7 +11,7 @@ use plid_testbed::gap::{Channels, GapSpec, PlantKind, Simulator};
 
 use crate::config::{Draw, TrialConfig};
 use crate::seal::derived;
-use crate::vocabulary::{At, Kind, Outsiders, find};
+use crate::vocabulary::{Kind, Outsiders, find};
 
 /// Channels of the testbed's plants.
 const INPUTS: usize = plid_testbed::INPUTS;
@@ -111,7 +111,7 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
 
 /// Whether an effect needs more than one channel.
 fn joins_channels(kind: Kind) -> bool {
-    matches!(kind.at, At::InputPair | At::OutputPair) || ["x-channel-product", "x-supply-sag"].contains(&kind.name)
+    kind.least_inputs > 1 || kind.least_outputs > 1
 }
 
 /// Returns the first of the kinds that make sense together on one plant, up to this total. On plants of which each
@@ -213,7 +213,7 @@ struct Turn {
 impl Turns {
     fn next(&mut self, kind: Kind, near_misses: f64, rng: &mut ChaCha12Rng) -> Wanted {
         let at = self.0.iter().position(|(name, _)| *name == kind.name).unwrap_or_else(|| {
-            let mut places = kind.places(INPUTS, OUTPUTS);
+            let mut places = kind.at.places(INPUTS, OUTPUTS);
             places.shuffle(rng);
             self.0.push((kind.name, Turn { places, drawn: 0, owed: rng.random() }));
             self.0.len() - 1

@@ -366,7 +366,7 @@ impl Groups<'_> {
                 self.add(&format!("{GAP_OF}{}", kind.name), &gap_bin(bin), &|line| single(line) && within(line));
             }
         }
-        let families: BTreeSet<&str> = whole.iter().map(|kind| kind.family).collect();
+        let families: BTreeSet<&str> = whole.iter().map(|kind| kind.family.name()).collect();
         for name in families {
             self.add(FAMILY, name, &|line| strong(line) && family(&line.truth) == Some(name));
         }

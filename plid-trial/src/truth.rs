@@ -2,12 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use plid_testbed::INPUTS;
-use plid_testbed::effects::own::{self, Side};
+use plid_testbed::effects::kind;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-
-use crate::vocabulary::{LINEAR_STRUCTURE, NONLINEAR_STRUCTURE};
 
 /// label.json.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -79,36 +76,7 @@ impl Truth {
 impl TrueEffect {
     /// Returns whether a stated location agrees with that of this effect.
     pub fn is_at(&self, location: &str) -> bool {
-        let (kind, at) = location.split_once(':').unwrap_or((location, ""));
-        let family = crate::vocabulary::family(&self.effect).unwrap_or("");
-        let number = self.loc + 1;
-        let at_port =
-            || (kind == "input" && at == format!("u{number}")) || (kind == "port" && at == format!("strut{number}"));
-        if let Some(truth) = own::find(&self.effect) {
-            return match truth.side() {
-                Side::Port => at_port(),
-                Side::Actuator => kind == "input" && at == format!("u{number}"),
-                Side::Sensor => kind == "output" && at == format!("y{number}"),
-            };
-        }
-        let pair = |letter: char| {
-            let to = self.par.get(1).map_or(0, |j| *j as usize + 1);
-            at == format!("{letter}{number}->{letter}{to}")
-        };
-        let frequency = at.split_whitespace().next().and_then(|word| word.parse::<f64>().ok());
-        let near = |hz: f64, share: f64| frequency.is_some_and(|f| (f / hz - 1.0).abs() < share);
-        match self.effect.as_str() {
-            "actuator-delay" if self.loc == INPUTS => kind == "input" && at == "all",
-            "actuator-crosstalk" => pair('u'),
-            "sensor-crosstalk" => pair('y'),
-            "stiffness-drift" => true,
-            name if name.starts_with("added-") => at_port(),
-            name if name.starts_with("actuator") => kind == "input" && at == format!("u{number}"),
-            name if name.starts_with("sensor") || name == "mains-hum" => kind == "output" && at == format!("y{number}"),
-            _ if family == NONLINEAR_STRUCTURE => at_port(),
-            _ if family == LINEAR_STRUCTURE => near(self.hz, 0.05),
-            _ => self.par.get(1).is_some_and(|hz| near(*hz, 0.1)),
-        }
+        kind(&self.effect).is_some_and(|kind| kind.at.is_meant(location, self.loc, &self.par, self.hz))
     }
 }
 

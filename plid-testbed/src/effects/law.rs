@@ -56,6 +56,12 @@ pub(crate) struct Load {
     pub stiffness: f64,
 }
 
+/// What a law changes of one mode, which a simulation may also be off in: the logarithm of the factor.
+pub(crate) enum ModeChange {
+    Frequency(f64),
+    Damping(f64),
+}
+
 /// The limits that the values of an effect must satisfy.
 pub(crate) struct Limits {
     pub sample_rate_hz: f64,
@@ -81,6 +87,11 @@ pub(crate) trait Law {
 
     /// Returns the mass, damping and stiffness that it adds to a port's own.
     fn load(&self) -> Option<Load> {
+        None
+    }
+
+    /// Returns what it changes of the mode at its place, if that is all it does.
+    fn mode_change(&self) -> Option<ModeChange> {
         None
     }
 

@@ -1,15 +1,22 @@
 //! Effects that the nominal linear time-invariant model lacks, one file for each.
 //!
+//! The file has the type of the effect with two traits. `Described` is what draws of cases and their labels need to
+//! know, such as its family, its kind of place and the plants on which it makes sense; everything else reads it from
+//! the table of these. A further effect is its file, the two lines that declare and export it (`mod` and `pub use`), and
+//! one line of the list `effects!` below.
+//!
 //! An effect is a `Law`: it changes the linear plant, or takes its place in the chain of a record: between
 //! amplifier and actuator pole, inside the structure (integrated in continuous time together with it), on the samples
 //! before the sensor noise, or behind the ADC. Effects at one place act in the order of the list. All internal states
 //! are zero at the start of a record; clocks and phases run on.
 
 pub mod actuator;
+mod at;
 #[cfg(test)]
 mod axis;
 pub(crate) mod chain;
 pub mod disturbance;
+mod kind;
 pub(crate) mod law;
 #[cfg(test)]
 mod oscillator;
@@ -22,7 +29,11 @@ pub mod structure;
 
 use serde::{Deserialize, Serialize};
 
+pub use self::at::At;
 use self::chain::{Chain, Clock, Site};
+use self::kind::Entry;
+pub(crate) use self::kind::{Described, Draw};
+pub use self::kind::{Family, Half, Kind, On};
 use self::law::{Law, Limits, Load, Plant};
 use self::place::Input;
 use crate::config::EffectsConfig;
@@ -30,7 +41,7 @@ use crate::error::TestbedError;
 use crate::plant::Truss;
 use crate::streams::{Purpose, stream};
 
-/// The effects, each with its name in the vocabulary; outsiders' names begin with `x-`.
+/// The built-in effects, each with its name in the vocabulary; outsiders' names begin with `x-`.
 macro_rules! effects {
     ($($kind:literal = $module:ident::$effect:ident;)*) => {
         /// An effect of the list. In TOML a table with its `kind`, its place `at` and its parameters; many take another
@@ -40,32 +51,42 @@ macro_rules! effects {
         #[allow(missing_docs)] // Each is documented where it is defined.
         pub enum Effect {
             $(#[serde(rename = $kind)] $effect($module::$effect),)*
+            #[serde(rename = "own")]
+            Own(own::Own),
         }
 
         impl Effect {
             pub(crate) fn law(&self) -> &dyn Law {
-                match self { $(Effect::$effect(effect) => effect,)* }
+                match self {
+                    $(Effect::$effect(effect) => effect,)*
+                    Effect::Own(effect) => effect,
+                }
             }
 
             fn law_mut(&mut self) -> &mut dyn Law {
-                match self { $(Effect::$effect(effect) => effect,)* }
+                match self {
+                    $(Effect::$effect(effect) => effect,)*
+                    Effect::Own(effect) => effect,
+                }
             }
 
             /// Its name in the vocabulary; outsiders' begin with `x-`.
             #[must_use]
             pub fn kind(&self) -> &'static str {
-                if let Effect::Own(own) = self {
-                    return own.name();
+                match self {
+                    $(Effect::$effect(_) => $kind,)*
+                    Effect::Own(own) => own.name(),
                 }
-                match self { $(Effect::$effect(_) => $kind,)* }
             }
         }
 
-        /// The kinds that a list may name.
-        const KINDS: &[&str] = &[$($kind),*];
+        /// What every built-in effect states about itself, in the order of the list.
+        const BUILT_IN: &[Entry] = &[$(Entry::built_in::<$module::$effect>($kind)),*];
     };
 }
 
+// The one list of built-in effects. Trials draw them in this order, so that it is part of the meaning of a seed. A
+// further effect of the vocabulary comes behind the others of it; then come the outsiders.
 effects! {
     "cubic-stiffness" = structure::CubicStiffness;
     "quadratic-stiffness" = structure::QuadraticStiffness;
@@ -77,15 +98,6 @@ effects! {
     "modal-frequency" = structure::ModalFrequency;
     "modal-damping" = structure::ModalDamping;
     "missing-mode" = structure::MissingMode;
-    "stiffness-drift" = structure::StiffnessDrift;
-    "stick-friction" = structure::StickFriction;
-    "backlash" = structure::Backlash;
-    "end-stop" = structure::EndStop;
-    "one-sided-stop" = structure::OneSidedStop;
-    "gravity-sine" = structure::GravitySine;
-    "added-mass" = structure::AddedMass;
-    "added-damping" = structure::AddedDamping;
-    "added-stiffness" = structure::AddedStiffness;
     "actuator-saturation" = actuator::ActuatorSaturation;
     "actuator-dead-zone" = actuator::ActuatorDeadZone;
     "actuator-hysteresis" = actuator::ActuatorHysteresis;
@@ -94,8 +106,9 @@ effects! {
     "actuator-gain" = actuator::ActuatorGain;
     "actuator-delay" = actuator::ActuatorDelay;
     "actuator-crosstalk" = actuator::ActuatorCrosstalk;
-    "actuator-gain-drift" = actuator::ActuatorGainDrift;
     "sensor-saturation" = sensor::SensorSaturation;
+    "sensor-quantisation" = sensor::SensorQuantisation;
+    "sensor-dropout" = sensor::SensorDropout;
     "sensor-gain" = sensor::SensorGain;
     "sensor-delay" = sensor::SensorDelay;
     "sensor-lag" = sensor::SensorLag;
@@ -104,10 +117,18 @@ effects! {
     "sensor-drift" = sensor::SensorDrift;
     "mains-hum" = sensor::MainsHum;
     "sensor-noise" = sensor::SensorNoise;
-    "sensor-quantisation" = sensor::SensorQuantisation;
-    "sensor-dropout" = sensor::SensorDropout;
+    "stiffness-drift" = structure::StiffnessDrift;
+    "actuator-gain-drift" = actuator::ActuatorGainDrift;
     "narrowband-disturbance" = disturbance::NarrowbandDisturbance;
     "coloured-disturbance" = disturbance::ColouredDisturbance;
+    "added-mass" = structure::AddedMass;
+    "added-damping" = structure::AddedDamping;
+    "added-stiffness" = structure::AddedStiffness;
+    "backlash" = structure::Backlash;
+    "end-stop" = structure::EndStop;
+    "gravity-sine" = structure::GravitySine;
+    "one-sided-stop" = structure::OneSidedStop;
+    "stick-friction" = structure::StickFriction;
     "x-channel-product" = outside::ChannelProduct;
     "x-command-play" = outside::CommandPlay;
     "x-delay-jitter" = outside::DelayJitter;
@@ -124,7 +145,33 @@ effects! {
     "x-resonant-crosstalk" = outside::ResonantCrosstalk;
     "x-supply-sag" = outside::SupplySag;
     "x-thermal-gain" = outside::ThermalGain;
-    "own" = own::Own;
+}
+
+/// Returns the entries of the built-in effects, in the order of the list, and then those of the effects that the program
+/// has added.
+fn entries() -> impl Iterator<Item = Entry> {
+    BUILT_IN.iter().copied().chain(own::all().into_iter().map(Entry::added))
+}
+
+/// Returns the entry of an effect by its name.
+pub(crate) fn entry(name: &str) -> Option<Entry> {
+    entries().find(|entry| entry.kind.name == name)
+}
+
+/// Returns every effect: the vocabulary, the outsiders, and then what the program has added.
+#[must_use]
+pub fn kinds() -> Vec<Kind> {
+    entries().map(|entry| entry.kind).collect()
+}
+
+/// Returns an effect by its name.
+#[must_use]
+pub fn kind(name: &str) -> Option<Kind> {
+    entry(name).map(|entry| entry.kind)
+}
+
+fn is_built_in(name: &str) -> bool {
+    BUILT_IN.iter().any(|entry| entry.kind.name == name)
 }
 
 impl Effect {

@@ -8,6 +8,7 @@ use std::sync::{PoisonError, RwLock};
 
 use serde::{Deserialize, Serialize};
 
+use super::at::At;
 use super::chain::{Chain, Site};
 use super::law::{Law, Limits};
 use super::place::{Input, Output};
@@ -23,6 +24,17 @@ pub enum Side {
     Actuator,
     /// A sensor.
     Sensor,
+}
+
+impl Side {
+    /// The kind of its places.
+    pub(crate) fn at(self) -> At {
+        match self {
+            Self::Port => At::Port,
+            Self::Actuator => At::Input,
+            Self::Sensor => At::Output,
+        }
+    }
 }
 
 /// The action of an effect in one record, from rest. All signals are in volts, times in seconds.
@@ -88,7 +100,7 @@ static TRUTHS: RwLock<Vec<&'static dyn Truth>> = RwLock::new(Vec::new());
 /// Panics if there is an effect of this name, or if the effect has no parameter.
 pub fn add(truth: impl Truth + 'static) {
     let name = truth.name();
-    assert!(!super::KINDS.contains(&name), "the testbed has a `{name}` already");
+    assert!(!super::is_built_in(name) && name != OWN, "the testbed has a `{name}` already");
     assert!(!truth.parameters().is_empty(), "`{name}` has no parameter");
     let mut truths = TRUTHS.write().unwrap_or_else(PoisonError::into_inner);
     assert!(truths.iter().all(|there| there.name() != name), "the testbed has a `{name}` already");
@@ -106,6 +118,9 @@ pub fn find(name: &str) -> Option<&'static dyn Truth> {
 pub fn all() -> Vec<&'static dyn Truth> {
     TRUTHS.read().unwrap_or_else(PoisonError::into_inner).clone()
 }
+
+/// The `kind` of every added effect in a config's list.
+pub(crate) const OWN: &str = "own";
 
 /// The name of an added effect. Under this alias serde does not take it for a reference into the text that is read.
 type Name = &'static str;
@@ -211,6 +226,7 @@ impl Law for Own {
 mod tests {
     use super::*;
     use crate::Effect;
+    use crate::gap::PlantKind;
 
     struct Square;
 
@@ -246,6 +262,10 @@ mod tests {
             });
             serde_json::from_value::<Effect>(keys.clone()).map(|effect| (effect, keys)).map_err(|e| e.to_string())
         };
+        let kind = crate::effects::kind("test-square").unwrap();
+        assert_eq!((kind.at, kind.parameters, kind.near_misses), (At::Output, &["c"][..], &["power"][..]));
+        assert!(!kind.family.is_built_in() && kind.is_in_vocabulary());
+        assert!(PlantKind::ALL.into_iter().all(|plant| plant.takes("test-square")), "it makes sense everywhere");
         let (effect, keys) = read("y2", &[0.5]).unwrap();
         assert_eq!((effect.kind(), effect.place(), effect.parameters()), ("test-square", 1, vec![0.5]));
         assert_eq!(serde_json::to_value(&effect).unwrap(), keys);

@@ -16,8 +16,8 @@ use super::rig::STRUCTURE_HZ;
 use super::spec::{Channels, EffectSpec, GapSpec};
 use super::strength::{Bench, Goal, Signals};
 use crate::config::TrussConfig;
-use crate::effects::Effect;
 use crate::effects::structure::MissingMode;
+use crate::effects::{self, At, Effect, Kind};
 use crate::streams::{Purpose, stream};
 use crate::structure::Mode;
 
@@ -30,48 +30,10 @@ pub(crate) struct Background {
     pub gap: f64,
 }
 
-/// A kind of effect with the laws that it may follow in addition to its own.
-type Kind = (&'static str, &'static [&'static str]);
-
-const STRUT: [Kind; 6] = [
-    ("cubic-stiffness", &["power", "straightening"]),
-    ("quadratic-stiffness", &["one-sided"]),
-    ("coulomb-friction", &["root", "stribeck"]),
-    ("clearance", &["rounded", "asymmetric"]),
-    ("joint-hysteresis", &["dahl", "sharp"]),
-    ("quadratic-damping", &["power", "asymmetric"]),
-];
-
-const ACTUATOR: [Kind; 10] = [
-    ("actuator-saturation", &["clip", "arctangent"]),
-    ("actuator-dead-zone", &["rounded", "asymmetric"]),
-    ("actuator-hysteresis", &["dahl", "sharp"]),
-    ("actuator-slew-limit", &["soft"]),
-    ("actuator-lag", &[]),
-    ("actuator-gain", &[]),
-    ("actuator-delay", &[]),
-    (ACTUATOR_CROSSTALK, &[]),
-    ("actuator-gain-drift", &["settling"]),
-    ("x-command-play", &[]),
-];
-
-const SENSOR: [Kind; 10] = [
-    ("sensor-saturation", &["tanh", "arctangent"]),
-    ("sensor-quantisation", &["truncate"]),
-    ("sensor-gain", &[]),
-    ("sensor-delay", &["interpolated"]),
-    ("sensor-lag", &["two-poles"]),
-    (SENSOR_CROSSTALK, &[]),
-    ("sensor-offset", &[]),
-    ("sensor-drift", &["settling"]),
-    ("mains-hum", &[]),
-    ("x-sensor-square", &[]),
-];
-
-const ACTUATOR_CROSSTALK: &str = "actuator-crosstalk";
-const SENSOR_CROSSTALK: &str = "sensor-crosstalk";
-const WHOLE: Kind = ("stiffness-drift", &["settling"]);
-const DISTURBANCE: [Kind; 2] = [("narrowband-disturbance", &["wandering"]), ("coloured-disturbance", &[])];
+/// The small imperfections of some kinds of place, in the order of the table.
+fn imperfections(at: &[At]) -> Vec<Kind> {
+    effects::kinds().into_iter().filter(|kind| kind.imperfection && at.contains(&kind.at)).collect()
+}
 
 /// Chances of a second effect at a place, of a law other than the effect's own, of a drift of the structure, and of a
 /// disturbance.
@@ -160,38 +122,41 @@ fn together(scene: &Scene<'_>, before: usize, sized: &[(Effect, f64)]) -> Result
 /// One or two effects at each strut, actuator and sensor, and what acts on the whole structure.
 fn wanted(channels: Channels, rng: &mut ChaCha12Rng) -> Vec<EffectSpec> {
     let mut wanted = Vec::new();
-    for (kinds, letter, count) in [
-        (&STRUT[..], 'u', channels.inputs),
-        (&ACTUATOR[..], 'u', channels.inputs),
-        (&SENSOR[..], 'y', channels.outputs),
+    for (places, letter, count) in [
+        (&[At::Port][..], 'u', channels.inputs),
+        (&[At::Input, At::InputOrAll, At::InputPair], 'u', channels.inputs),
+        (&[At::Output, At::OutputPair], 'y', channels.outputs),
     ] {
-        let joins = |kind: &Kind| [ACTUATOR_CROSSTALK, SENSOR_CROSSTALK].contains(&kind.0);
-        let mut possible: Vec<Kind> = kinds.iter().filter(|kind| count > 1 || !joins(kind)).copied().collect();
+        let mut possible = imperfections(places);
+        possible.retain(|kind| count > 1 || !kind.at.is_pair());
         for channel in 0..count {
             possible.shuffle(rng);
             for kind in possible.iter().take(1 + usize::from(rng.random_bool(SECOND))) {
                 let to = (channel + rng.random_range(1..count.max(2))) % count;
                 let from = format!("{letter}{}", channel + 1);
-                let at = if joins(kind) { format!("{from}->{letter}{}", to + 1) } else { from };
-                wanted.push(of_kind(*kind, Some(at), rng));
+                let at = if kind.at.is_pair() { format!("{from}->{letter}{}", to + 1) } else { from };
+                wanted.push(of_kind(kind, Some(at), rng));
             }
         }
     }
-    if rng.random_bool(DRIFTS) {
-        wanted.push(of_kind(WHOLE, None, rng));
+    for kind in &imperfections(&[At::Whole]) {
+        if rng.random_bool(DRIFTS) {
+            wanted.push(of_kind(kind, None, rng));
+        }
     }
     if rng.random_bool(DISTURBED) {
-        let kind = DISTURBANCE[rng.random_range(0..DISTURBANCE.len())];
-        wanted.push(of_kind(kind, None, rng));
+        let disturbances = imperfections(&[At::Disturbance]);
+        wanted.push(of_kind(&disturbances[rng.random_range(0..disturbances.len())], None, rng));
     }
     wanted
 }
 
-fn of_kind((kind, laws): Kind, at: Option<String>, rng: &mut ChaCha12Rng) -> EffectSpec {
+fn of_kind(kind: &Kind, at: Option<String>, rng: &mut ChaCha12Rng) -> EffectSpec {
+    let laws = kind.near_misses;
     let other = !laws.is_empty() && rng.random_bool(OTHER_LAW);
     let law = other.then(|| laws[rng.random_range(0..laws.len())].to_owned());
     // Its size is set afterwards.
-    EffectSpec { kind: kind.to_owned(), at, law, gap: 1.0 }
+    EffectSpec { kind: kind.name.to_owned(), at, law, gap: 1.0 }
 }
 
 /// A mode above the band, with shapes of the size of the others'.

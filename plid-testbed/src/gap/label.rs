@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-use super::effect::is_at_a_port;
 use super::spec::{Experiment, PlantKind, Simulator};
 use crate::axes::Axes;
-use crate::effects::{Effect, own};
+use crate::effects::law::{Load, ModeChange};
+use crate::effects::{self, At, Effect};
 use crate::plant::Truss;
 use crate::structure::Mode;
 use crate::{INPUTS, OUTPUTS};
@@ -101,81 +101,21 @@ const FREQUENCY_LIMIT: f64 = 0.002;
 const DAMPING_LIMIT: f64 = 0.1;
 const SHAPE_LIMIT: f64 = 0.02;
 
-/// Relative distance at which a stated frequency still means the label's: of a mode, of a disturbance.
-const SAME_MODE: f64 = 0.05;
-const SAME_FREQUENCY: f64 = 0.1;
-
 impl LabelledEffect {
     /// Names of `par` in the vocabulary's equations, in order; the index of the other channel, which a crosstalk has in
-    /// it, has none.
+    /// it, has none, and neither has an effect outside the vocabulary.
     #[must_use]
     pub fn parameter_names(&self) -> &'static [&'static str] {
-        match self.effect.as_str() {
-            "cubic-stiffness" | "quadratic-stiffness" => &["k"],
-            "coulomb-friction" => &["F", "v0"],
-            "clearance" => &["k", "g"],
-            // The last one only where it is not zero.
-            "iwan-joint" => &["k", "dm", "chi", "s"][..self.par.len().min(4)],
-            "joint-hysteresis" => &["k", "dy"],
-            "quadratic-damping" | "actuator-crosstalk" | "sensor-crosstalk" => &["c"],
-            "stick-friction" => &["Fc", "Fs", "vs"],
-            "backlash" => &["k", "g"],
-            "end-stop" | "one-sided-stop" => &["k", "c", "g"],
-            "gravity-sine" | "added-stiffness" => &["k"],
-            "added-mass" => &["m"],
-            "added-damping" => &["c"],
-            "modal-frequency" | "actuator-dead-zone" => &["delta"],
-            "modal-damping" => &["rho"],
-            "missing-mode" => &["f"],
-            "actuator-saturation" | "sensor-saturation" => &["a"],
-            "actuator-hysteresis" => &["alpha", "uy"],
-            "actuator-slew-limit" => &["R"],
-            "actuator-lag" => &["fp"],
-            "actuator-gain" | "sensor-gain" => &["g"],
-            "actuator-delay" | "sensor-delay" => &["tau"],
-            "actuator-gain-drift" | "stiffness-drift" => &["r"],
-            "narrowband-disturbance" | "mains-hum" => &["a", "f", "phi"],
-            "coloured-disturbance" => &["a", "f"],
-            "sensor-lag" => &["fc"],
-            "sensor-offset" => &["o"],
-            "sensor-drift" => &["s"],
-            "sensor-noise" => &["std"],
-            "sensor-quantisation" => &["q"],
-            "sensor-dropout" => &["rate"],
-            name => own::find(name).map_or(&[], |truth| truth.parameters()),
-        }
+        let names = effects::kind(&self.effect).map_or(&[][..], |kind| kind.parameters);
+        // The last may be left out.
+        &names[..names.len().min(self.par.len())]
     }
 
     /// Whether a location, as a diagnosis states it (`input:u2`, `output:y1->y3`, `mode:168.2`), means the place of
     /// this effect.
     #[must_use]
     pub fn is_at(&self, location: &str) -> bool {
-        let (loc, par) = (self.loc + 1, &self.par);
-        let near = |hz: f64, within: f64| {
-            let stated = location.split_once(':').and_then(|(_, at)| at.split(' ').next()?.parse::<f64>().ok());
-            stated.is_some_and(|stated| (stated / hz - 1.0).abs() < within)
-        };
-        if let Some(truth) = own::find(&self.effect) {
-            return match truth.side() {
-                own::Side::Port => location == format!("input:u{loc}") || location == format!("port:strut{loc}"),
-                own::Side::Actuator => location == format!("input:u{loc}"),
-                own::Side::Sensor => location == format!("output:y{loc}"),
-            };
-        }
-        match self.effect.as_str() {
-            force if is_at_a_port(force) => {
-                location == format!("input:u{loc}") || location == format!("port:strut{loc}")
-            }
-            "modal-frequency" | "modal-damping" | "missing-mode" => near(self.hz, SAME_MODE),
-            "narrowband-disturbance" | "coloured-disturbance" => near(par[1], SAME_FREQUENCY),
-            "stiffness-drift" => location == "structure",
-            "actuator-delay" if self.loc == INPUTS => location == "input:all",
-            "actuator-crosstalk" => location == format!("input:u{loc}->u{}", par[1] as usize + 1),
-            "sensor-crosstalk" => location == format!("output:y{loc}->y{}", par[1] as usize + 1),
-            kind if kind.starts_with("actuator-") => location == format!("input:u{loc}"),
-            kind if kind.starts_with("sensor-") || kind == "mains-hum" => location == format!("output:y{loc}"),
-            _ => false,
-        }
+        effects::kind(&self.effect).is_some_and(|kind| kind.at.is_meant(location, self.loc, &self.par, self.hz))
     }
 }
 
@@ -201,22 +141,11 @@ impl Label {
 
 pub(crate) fn labelled(effect: &Effect, target: f64, gap: f64, base: &Truss, nominal: &Truss) -> LabelledEffect {
     let par = effect.parameters();
-    let (loc, hz) = match effect {
-        Effect::MissingMode(mode) => {
-            let below = base.modes.iter().filter(|m| m.frequency_hz < mode.frequency_hz).count();
-            (below, mode.frequency_hz)
-        }
-        _ => (effect.place(), base.modes.get(effect.place()).map_or(0.0, |mode| mode.frequency_hz)),
-    };
-    // What the simulation is off may take back a part of it.
-    let both = |own: f64, of: fn(&Mode) -> f64| {
-        let (truth, simulated) = (of(&base.modes[effect.place()]), of(&nominal.modes[effect.place()]));
-        own.abs().min((own + (truth / simulated).ln()).abs())
-    };
-    let clear_of_nuisance = match effect {
-        Effect::ModalFrequency(e) => both(e.change.ln_1p(), |mode| mode.frequency_hz) > 2.0 * FREQUENCY_LIMIT,
-        Effect::ModalDamping(e) => both(e.factor.ln(), |mode| mode.damping_ratio) > 2.0 * DAMPING_LIMIT,
-        _ => base.axes.as_ref().is_none_or(|axes| clear_of_the_axis_s(effect, axes)),
+    let is_new = effects::kind(effect.kind()).is_some_and(|kind| kind.at == At::NewMode);
+    let (loc, hz) = if is_new {
+        (base.modes.iter().filter(|mode| mode.frequency_hz < par[0]).count(), par[0])
+    } else {
+        (effect.place(), base.modes.get(effect.place()).map_or(0.0, |mode| mode.frequency_hz))
     };
     LabelledEffect {
         effect: effect.kind().to_owned(),
@@ -226,23 +155,37 @@ pub(crate) fn labelled(effect: &Effect, target: f64, gap: f64, base: &Truss, nom
         gap,
         hz,
         own_equation: effect.own_equation(),
-        clear_of_nuisance,
+        clear_of_nuisance: is_clear_of_nuisance(effect, base, nominal),
         config: Some(effect.clone()),
+    }
+}
+
+/// Whether an effect changes a mode or an axis, if it does, by more than twice what a simulation may be off.
+fn is_clear_of_nuisance(effect: &Effect, base: &Truss, nominal: &Truss) -> bool {
+    if let Some(change) = effect.law().mode_change() {
+        let (own, of, limit): (f64, fn(&Mode) -> f64, f64) = match change {
+            ModeChange::Frequency(own) => (own, |mode| mode.frequency_hz, FREQUENCY_LIMIT),
+            ModeChange::Damping(own) => (own, |mode| mode.damping_ratio, DAMPING_LIMIT),
+        };
+        // What the simulation is off may take back a part of it.
+        let off = (of(&base.modes[effect.place()]) / of(&nominal.modes[effect.place()])).ln();
+        return own.abs().min((own + off).abs()) > 2.0 * limit;
+    }
+    match (&base.axes, effect.law().load()) {
+        (Some(axes), Some(load)) => is_clear_of_the_axis_s(&load, axes),
+        _ => true,
     }
 }
 
 /// Whether a mass, a damper or a spring changes an axis by more than twice what a simulation may be off: a mass its
 /// gain, a damper its damping ratio, a spring its frequency. Where the axis has none of its own, any is clear.
-fn clear_of_the_axis_s(effect: &Effect, axes: &Axes) -> bool {
-    let own = axes.own(effect.place().min(axes.drive.len() - 1));
+fn is_clear_of_the_axis_s(load: &Load, axes: &Axes) -> bool {
+    let own = axes.own(load.port.min(axes.drive.len() - 1));
     let beyond = |added: f64, own: f64, limit: f64| added.abs() > 2.0 * limit * own;
-    match effect {
-        Effect::AddedMass(e) => beyond(e.mass_s2, own.inertia, SHAPE_LIMIT),
-        Effect::AddedDamping(e) => beyond(e.damping_s, own.damping, DAMPING_LIMIT),
+    beyond(load.mass, own.inertia, SHAPE_LIMIT)
+        || beyond(load.damping, own.damping, DAMPING_LIMIT)
         // The frequency goes with the root of the stiffness.
-        Effect::AddedStiffness(e) => beyond(e.stiffness, own.stiffness, 2.0 * FREQUENCY_LIMIT),
-        _ => true,
-    }
+        || beyond(load.stiffness, own.stiffness, 2.0 * FREQUENCY_LIMIT)
 }
 
 /// Errors of a simulation beyond the stated limits: frequencies, damping ratios, and poles of actuators, for

@@ -10,10 +10,11 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::excitation::{Excitation, Planned};
 use super::plants::Layout;
-use super::spec::GapSpec;
+use super::spec::{EffectSpec, GapSpec};
 use crate::axes::Axes;
 use crate::config::TrussConfig;
 use crate::effects::law::Plant;
+use crate::effects::{self, At};
 use crate::plant::{Truss, assemble, assemble_in, compliances};
 use crate::streams::{Purpose, stream};
 use crate::structure::Mode;
@@ -50,7 +51,8 @@ pub(crate) fn drawn(
     let Layout { mut plant, dominant, missable, rig } = layout;
     // The number is drawn in any case: the same seed gives the same plant with every effect.
     let missed = (!missable.is_empty()).then(|| rng.random_range(missable));
-    let missing = missed.filter(|_| spec.effects.iter().any(|e| e.kind == "missing-mode"));
+    let lacks = |wanted: &EffectSpec| effects::kind(&wanted.kind).is_some_and(|kind| kind.at == At::NewMode);
+    let missing = missed.filter(|_| spec.effects.iter().any(lacks));
 
     if let Some(output_v) = rig.output_v {
         let random = schedule.iter().find(|planned| matches!(planned.excitation, Excitation::Random { .. }));

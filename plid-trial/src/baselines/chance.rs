@@ -1,19 +1,21 @@
 //! A guess: one name of the vocabulary or "none" with equal probability. Its expected scores are known in closed form.
 
-use crate::vocabulary::{VOCABULARY, family};
+use crate::vocabulary::{family, on_structures};
 
 /// Number of names that a guess chooses from.
-const NAMES: f64 = VOCABULARY.len() as f64 + 1.0;
+fn names() -> f64 {
+    on_structures().len() as f64 + 1.0
+}
 
 /// Probability that the right effect is named.
 pub fn exact() -> f64 {
-    1.0 / NAMES
+    1.0 / names()
 }
 
 /// Probability that an effect of the right family is named.
 pub fn right_family(effect: &str) -> f64 {
-    let alike = VOCABULARY.iter().filter(|kind| Some(kind.family) == family(effect)).count();
-    alike as f64 / NAMES
+    let alike = on_structures().iter().filter(|kind| Some(kind.family.name()) == family(effect)).count();
+    alike as f64 / names()
 }
 
 /// Probability that an effect is named although nothing is missing.

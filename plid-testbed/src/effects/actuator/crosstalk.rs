@@ -1,12 +1,14 @@
 //! One channel's voltage on another's actuator: u'_j = u_j + c u_i.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::INPUTS;
 use crate::config::finite;
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::InputPair;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// u'_j = u_j + c u_i.
@@ -46,5 +48,17 @@ impl Law for ActuatorCrosstalk {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.share, self.at.1 as f64]
+    }
+}
+
+impl Described for ActuatorCrosstalk {
+    const FAMILY: Family = Family::LinearActuator;
+    const AT: At = At::InputPair;
+    const ON: &'static [On] = &[On::Structure, On::Channels];
+    const PARAMETERS: &'static [&'static str] = &["c"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "share": draw.sign * 0.2 })
     }
 }

@@ -1,12 +1,14 @@
 //! An actuator that does not feel small voltages: u' = sign(u) max(|u| - delta, 0).
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Gap;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// u' = sign(u) max(|u| - delta, 0).
@@ -46,5 +48,18 @@ impl Law for ActuatorDeadZone {
 
     fn own_equation(&self) -> bool {
         self.law == Gap::Sharp
+    }
+}
+
+impl Described for ActuatorDeadZone {
+    const FAMILY: Family = Family::NonlinearActuator;
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure, On::Command];
+    const PARAMETERS: &'static [&'static str] = &["delta"];
+    const NEAR_MISSES: &'static [&'static str] = &["rounded", "asymmetric"];
+    const IMPERFECTION: bool = true;
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "width_v": 0.1 })
     }
 }

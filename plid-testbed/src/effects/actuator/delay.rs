@@ -3,12 +3,14 @@
 use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::INPUTS;
 use crate::config::positive;
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Inputs;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// u'(t) = u(t - tau).
@@ -83,5 +85,17 @@ impl Law for ActuatorDelay {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.delay_samples]
+    }
+}
+
+impl Described for ActuatorDelay {
+    const FAMILY: Family = Family::LinearActuator;
+    const AT: At = At::InputOrAll;
+    const ON: &'static [On] = &[On::Structure, On::Command, On::Reference];
+    const PARAMETERS: &'static [&'static str] = &["tau"];
+    const IMPERFECTION: bool = true;
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "delay_samples": 0.3 })
     }
 }

@@ -1,11 +1,13 @@
 //! An actuator of another gain: u' = g u.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::finite;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// u' = g u.
@@ -38,5 +40,17 @@ impl Law for ActuatorGain {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.gain]
+    }
+}
+
+impl Described for ActuatorGain {
+    const FAMILY: Family = Family::LinearActuator;
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure, On::Gain];
+    const PARAMETERS: &'static [&'static str] = &["g"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "gain": 1.0 + draw.sign * 0.2 })
     }
 }

@@ -1,6 +1,7 @@
 //! An actuator whose gain changes slowly: u' = u (1 + r t).
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::INPUTS;
 use crate::config::finite;
@@ -8,6 +9,7 @@ use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Course;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// u' = u (1 + r t).
@@ -56,5 +58,18 @@ impl Law for ActuatorGainDrift {
 
     fn own_equation(&self) -> bool {
         self.law == Course::Linear
+    }
+}
+
+impl Described for ActuatorGainDrift {
+    const FAMILY: Family = Family::Time;
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure, On::Command];
+    const PARAMETERS: &'static [&'static str] = &["r"];
+    const NEAR_MISSES: &'static [&'static str] = &["settling"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "rate_per_s": draw.sign * 2e-3 })
     }
 }

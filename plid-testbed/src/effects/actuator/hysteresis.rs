@@ -1,6 +1,7 @@
 //! A piezo's hysteresis: u' = u - z with z following the voltage until it yields.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::INPUTS;
 use crate::config::positive;
@@ -8,6 +9,7 @@ use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Yielding;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// u' = u - z, dz = alpha du - (|du| z + du |z|) / (2 uy), along each step of the held voltage; |z| tends to alpha uy.
@@ -70,5 +72,18 @@ impl Law for ActuatorHysteresis {
 
     fn own_equation(&self) -> bool {
         self.law == Yielding::BoucWen
+    }
+}
+
+impl Described for ActuatorHysteresis {
+    const FAMILY: Family = Family::NonlinearActuator;
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["alpha", "uy"];
+    const NEAR_MISSES: &'static [&'static str] = &["dahl", "sharp"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "share": 0.3, "yield_v": draw.within(0.5..1.2) })
     }
 }

@@ -1,11 +1,13 @@
 //! A slower actuator: its pole moves.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::ACTUATOR_POLE_HZ;
 use crate::config::positive;
 use crate::effects::law::{Law, Limits, Plant};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// The actuator's pole, if it has one, moves to fp, and else it gets one there; its gain at rest stays 1.
@@ -54,5 +56,22 @@ impl Law for ActuatorLag {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.pole_hz]
+    }
+}
+
+impl Described for ActuatorLag {
+    const FAMILY: Family = Family::LinearActuator;
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure, On::Command];
+    const PARAMETERS: &'static [&'static str] = &["fp"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let from_hz = draw.truss.actuator_poles_hz[draw.channel];
+        if from_hz.is_finite() {
+            json!({ "pole_hz": from_hz * (200.0 / ACTUATOR_POLE_HZ), "from_hz": from_hz })
+        } else {
+            json!({ "pole_hz": 0.25 * draw.truss.sample_rate_hz, "from_hz": null })
+        }
     }
 }

@@ -1,12 +1,14 @@
 //! An amplifier that runs out of voltage: u' = a tanh(u / a).
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Limit;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// u' = a tanh(u / a).
@@ -50,5 +52,18 @@ impl Law for ActuatorSaturation {
 
     fn own_equation(&self) -> bool {
         self.law == Limit::Tanh
+    }
+}
+
+impl Described for ActuatorSaturation {
+    const FAMILY: Family = Family::NonlinearActuator;
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure, On::Command, On::Reference];
+    const PARAMETERS: &'static [&'static str] = &["a"];
+    const NEAR_MISSES: &'static [&'static str] = &["clip", "arctangent"];
+    const IMPERFECTION: bool = true;
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "limit_v": 4.0 })
     }
 }

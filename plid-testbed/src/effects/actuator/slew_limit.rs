@@ -1,12 +1,14 @@
 //! An amplifier that can change its voltage only so fast: |du'/dt| <= R, also between samples.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::INPUTS;
 use crate::config::positive;
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// u' follows u with |du'/dt| <= R.
@@ -112,6 +114,19 @@ impl Law for ActuatorSlewLimit {
 
     fn own_equation(&self) -> bool {
         self.law == SlewLaw::Hard
+    }
+}
+
+impl Described for ActuatorSlewLimit {
+    const FAMILY: Family = Family::NonlinearActuator;
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure, On::Command, On::Reference];
+    const PARAMETERS: &'static [&'static str] = &["R"];
+    const NEAR_MISSES: &'static [&'static str] = &["soft"];
+    const IMPERFECTION: bool = true;
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "rate_v_per_s": 1500.0 })
     }
 }
 

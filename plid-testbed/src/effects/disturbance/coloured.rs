@@ -5,11 +5,13 @@ use std::f64::consts::PI;
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Disturbance, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// Band-pass noise as a force along a strut.
@@ -94,6 +96,18 @@ impl Law for ColouredDisturbance {
 
     fn foretold(&self) -> bool {
         false
+    }
+}
+
+impl Described for ColouredDisturbance {
+    const FAMILY: Family = Family::Disturbance;
+    const AT: At = At::Disturbance;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["a", "f"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "rms_v": 0.1, "frequency_hz": draw.within(80.0..240.0) })
     }
 }
 

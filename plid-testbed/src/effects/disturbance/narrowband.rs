@@ -1,15 +1,17 @@
 //! A machine that runs nearby: force a sin(2 pi f t + phi), held over a sample.
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Disturbance, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// Force a sin(2 pi f t + phi) along a strut.
@@ -90,5 +92,19 @@ impl Law for NarrowbandDisturbance {
 
     fn foretold(&self) -> bool {
         self.law == NarrowbandLaw::Steady
+    }
+}
+
+impl Described for NarrowbandDisturbance {
+    const FAMILY: Family = Family::Disturbance;
+    const AT: At = At::Disturbance;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["a", "f", "phi"];
+    const NEAR_MISSES: &'static [&'static str] = &["wandering"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let frequency_hz = draw.within(80.0..240.0);
+        json!({ "amplitude_v": 0.1, "frequency_hz": frequency_hz, "phase_rad": draw.within(0.0..TAU) })
     }
 }

@@ -1,12 +1,14 @@
 //! A sensor that mixes two others: y'_i = y_i + c y_j y_l.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::OUTPUTS;
 use crate::config::finite;
 use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use ndarray::Array2;
 
@@ -48,5 +50,17 @@ impl Law for ChannelProduct {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.product_per_v]
+    }
+}
+
+impl Described for ChannelProduct {
+    const FAMILY: Family = Family::Outside(Half::Development);
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure];
+    // A product of two other outputs.
+    const LEAST_OUTPUTS: usize = 3;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "product_per_v": draw.sign * 0.1 / draw.level.output })
     }
 }

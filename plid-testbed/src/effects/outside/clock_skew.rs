@@ -2,12 +2,14 @@
 
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
 use crate::effects::sensor::{LOOK_AHEAD, band_limited};
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
 /// y'(t_k) = y((1 - e) t_k), with the time t_k since the record began: the channel is triggered with the others, and
@@ -51,6 +53,16 @@ impl Law for ClockSkew {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.fast_share]
+    }
+}
+
+impl Described for ClockSkew {
+    const FAMILY: Family = Family::Outside(Half::Reported);
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure];
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "fast_share": 1e-4 })
     }
 }
 

@@ -1,12 +1,14 @@
 //! Play in a command: u' follows once the play is taken up.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::INPUTS;
 use crate::config::positive;
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
 /// u' stays within b of u, and moves only when pushed.
@@ -54,5 +56,16 @@ impl Law for CommandPlay {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.play_v]
+    }
+}
+
+impl Described for CommandPlay {
+    const FAMILY: Family = Family::Outside(Half::Development);
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure];
+    const IMPERFECTION: bool = true;
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "play_v": 0.1 })
     }
 }

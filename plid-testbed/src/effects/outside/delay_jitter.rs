@@ -1,12 +1,14 @@
 //! An actuator whose delay is another for every command.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::INPUTS;
 use crate::config::{not_negative, positive};
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
@@ -67,5 +69,15 @@ impl Law for DelayJitter {
 
     fn foretold(&self) -> bool {
         false
+    }
+}
+
+impl Described for DelayJitter {
+    const FAMILY: Family = Family::Outside(Half::Development);
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure, On::Command, On::Reference];
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "most_samples": 0.3 })
     }
 }

@@ -1,11 +1,13 @@
 //! A moving coil that leaves its magnet: the force per volt falls with the displacement.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
 
@@ -55,5 +57,15 @@ impl Law for ForceFactor {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.half_v]
+    }
+}
+
+impl Described for ForceFactor {
+    const FAMILY: Family = Family::Outside(Half::Reported);
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "half_v": 3.0 * draw.level.displacement })
     }
 }

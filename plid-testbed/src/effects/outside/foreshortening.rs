@@ -1,11 +1,13 @@
 //! A part that becomes shorter as it bends, and so pulls at another: two struts joined by their geometry.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{not_negative, positive};
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::InputPair;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
 
@@ -62,5 +64,15 @@ impl Law for Foreshortening {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.length_v, self.at.1 as f64, self.stiffness]
+    }
+}
+
+impl Described for Foreshortening {
+    const FAMILY: Family = Family::Outside(Half::Reported);
+    const AT: At = At::InputPair;
+    const ON: &'static [On] = &[On::Structure];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "length_v": 3.0 * draw.level.displacement, "stiffness": draw.within(0.2..0.6) })
     }
 }

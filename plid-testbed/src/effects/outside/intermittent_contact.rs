@@ -3,11 +3,13 @@
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
 
@@ -72,6 +74,16 @@ impl Law for IntermittentContact {
 
     fn foretold(&self) -> bool {
         false
+    }
+}
+
+impl Described for IntermittentContact {
+    const FAMILY: Family = Family::Outside(Half::Reported);
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Structure];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "stiffness": 0.01, "mean_s": draw.within(0.02..0.2) })
     }
 }
 

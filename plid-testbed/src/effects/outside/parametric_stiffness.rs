@@ -2,11 +2,14 @@
 
 use std::f64::consts::PI;
 
+use rand::RngExt;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled};
 use crate::effects::law::{Law, Limits};
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use crate::plant::{modal_force, mode_state};
 
@@ -58,5 +61,17 @@ impl Law for ParametricStiffness {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.share, self.frequency_hz]
+    }
+}
+
+impl Described for ParametricStiffness {
+    const FAMILY: Family = Family::Outside(Half::Development);
+    const AT: At = At::Whole;
+    const ON: &'static [On] = &[On::Structure];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        // At twice the frequency of a dominant mode, where stiffness that is pumped does most.
+        let mode = &draw.truss.modes[draw.rng.random_range(draw.dominant.clone())];
+        json!({ "share": 1e-3, "frequency_hz": 2.0 * mode.frequency_hz })
     }
 }

@@ -2,11 +2,13 @@
 
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
 /// y' = y (1 + s n), n white and Gaussian with unit variance.
@@ -46,5 +48,15 @@ impl Law for ProportionalNoise {
 
     fn foretold(&self) -> bool {
         false
+    }
+}
+
+impl Described for ProportionalNoise {
+    const FAMILY: Family = Family::Outside(Half::Reported);
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure, On::Sensor];
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "share": 0.1 })
     }
 }

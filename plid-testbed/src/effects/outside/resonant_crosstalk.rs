@@ -4,11 +4,13 @@ use std::f64::consts::PI;
 
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::OutputPair;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
 /// y'_i = y_i + c r with r" + 2 z w r' + w^2 r = w^2 y_j, where the samples of y_j are held.
@@ -69,5 +71,19 @@ impl Law for ResonantCrosstalk {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.share, self.at.1 as f64, self.frequency_hz, self.damping_ratio]
+    }
+}
+
+impl Described for ResonantCrosstalk {
+    const FAMILY: Family = Family::Outside(Half::Reported);
+    const AT: At = At::OutputPair;
+    const ON: &'static [On] = &[On::Structure];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({
+            "share": draw.sign * 0.05,
+            "frequency_hz": draw.within(80.0..240.0),
+            "damping_ratio": draw.within(0.02..0.1),
+        })
     }
 }

@@ -1,11 +1,13 @@
 //! A sensor that cannot follow: |y'_k - y'_{k-1}| <= R / fs.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
 /// y' follows y with at most R a second.
@@ -42,5 +44,15 @@ impl Law for SensorRateLimit {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.rate_v_per_s]
+    }
+}
+
+impl Described for SensorRateLimit {
+    const FAMILY: Family = Family::Outside(Half::Development);
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure, On::Sensor];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "rate_v_per_s": 1000.0 * draw.level.output })
     }
 }

@@ -1,11 +1,13 @@
 //! A sensor that is not straight: y' = y + a y^2.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::finite;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
 /// y' = y + a y^2.
@@ -38,5 +40,16 @@ impl Law for SensorSquare {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.square_per_v]
+    }
+}
+
+impl Described for SensorSquare {
+    const FAMILY: Family = Family::Outside(Half::Development);
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure, On::Sensor];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "square_per_v": draw.sign * 0.1 / draw.level.output })
     }
 }

@@ -1,12 +1,14 @@
 //! A valve that sticks and then jumps: u' stays until u has moved away by s, then it is u.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::INPUTS;
 use crate::config::positive;
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
 /// u' stays until |u - u'| > s, then u' = u.
@@ -55,5 +57,15 @@ impl Law for StickingValve {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.stick_v]
+    }
+}
+
+impl Described for StickingValve {
+    const FAMILY: Family = Family::Outside(Half::Development);
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure, On::Command];
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "stick_v": 0.1 })
     }
 }

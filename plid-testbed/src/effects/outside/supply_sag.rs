@@ -1,11 +1,13 @@
 //! A supply that sags when several actuators push at once: u'_j = u_j / (1 + s (|u_1| + |u_2| + ...)).
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::INPUTS;
 use crate::config::positive;
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
 use crate::effects::law::{Law, Limits};
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
 /// u'_j = u_j / (1 + s sum |u_l|) for every input j, the sum over all inputs.
@@ -44,5 +46,17 @@ impl Law for SupplySag {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.sag_per_v]
+    }
+}
+
+impl Described for SupplySag {
+    const FAMILY: Family = Family::Outside(Half::Reported);
+    const AT: At = At::Whole;
+    const ON: &'static [On] = &[On::Structure];
+    // Of one actuator alone it would be a law of its command.
+    const LEAST_INPUTS: usize = 2;
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "sag_per_v": 0.03 })
     }
 }

@@ -1,12 +1,14 @@
 //! An actuator that weakens as it warms up: u' = u / (1 + s h) with h following its power.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::INPUTS;
 use crate::config::positive;
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
 /// u' = u / (1 + s h), dh/dt = (u^2 - h) / tau: cold at the start of a record.
@@ -63,5 +65,15 @@ impl Law for ThermalGain {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.loss_per_v2, self.time_s]
+    }
+}
+
+impl Described for ThermalGain {
+    const FAMILY: Family = Family::Outside(Half::Reported);
+    const AT: At = At::Input;
+    const ON: &'static [On] = &[On::Structure, On::Command];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "loss_per_v2": 0.1, "time_s": draw.within(0.03..0.3) })
     }
 }

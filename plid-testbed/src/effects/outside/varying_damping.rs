@@ -3,10 +3,12 @@
 use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled};
 use crate::effects::law::{Law, Limits};
+use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use crate::plant::{modal_force, mode_state};
 
@@ -60,5 +62,15 @@ impl Law for VaryingDamping {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.share, self.frequency_hz]
+    }
+}
+
+impl Described for VaryingDamping {
+    const FAMILY: Family = Family::Outside(Half::Development);
+    const AT: At = At::Whole;
+    const ON: &'static [On] = &[On::Structure];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "share": 0.3, "frequency_hz": draw.within(0.1..1.0) })
     }
 }

@@ -1,11 +1,13 @@
 //! One sensor's signal on another's line: y'_j = y_j + c y_i.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::finite;
 use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::OutputPair;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use ndarray::Array2;
 
@@ -46,5 +48,17 @@ impl Law for SensorCrosstalk {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.share, self.at.1 as f64]
+    }
+}
+
+impl Described for SensorCrosstalk {
+    const FAMILY: Family = Family::LinearSensor;
+    const AT: At = At::OutputPair;
+    const ON: &'static [On] = &[On::Structure, On::Channels];
+    const PARAMETERS: &'static [&'static str] = &["c"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "share": draw.sign * 0.05 })
     }
 }

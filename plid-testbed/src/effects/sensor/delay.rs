@@ -4,11 +4,13 @@ use std::f64::consts::PI;
 
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// y'(t_k) = y(t_k - tau).
@@ -122,6 +124,19 @@ impl Law for SensorDelay {
 
     fn own_equation(&self) -> bool {
         self.law == SensorDelayLaw::BandLimited
+    }
+}
+
+impl Described for SensorDelay {
+    const FAMILY: Family = Family::LinearSensor;
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure, On::Channels];
+    const PARAMETERS: &'static [&'static str] = &["tau"];
+    const NEAR_MISSES: &'static [&'static str] = &["interpolated"];
+    const IMPERFECTION: bool = true;
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "delay_samples": 0.3 })
     }
 }
 

@@ -1,12 +1,14 @@
 //! A sensor whose zero moves: y' = y + s t.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::finite;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
 use crate::effects::shapes::Course;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// y' = y + s t.
@@ -46,5 +48,18 @@ impl Law for SensorDrift {
 
     fn own_equation(&self) -> bool {
         self.law == Course::Linear
+    }
+}
+
+impl Described for SensorDrift {
+    const FAMILY: Family = Family::AddedBySensor;
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure, On::Sensor];
+    const PARAMETERS: &'static [&'static str] = &["s"];
+    const NEAR_MISSES: &'static [&'static str] = &["settling"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "rate_v_per_s": draw.sign * 1e-3 })
     }
 }

@@ -1,11 +1,13 @@
 //! A line that fails for a few samples: the last good value repeats.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{not_negative, positive};
 use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use ndarray::Array2;
 use rand::RngExt;
@@ -88,5 +90,17 @@ impl Law for SensorDropout {
 
     fn foretold(&self) -> bool {
         false
+    }
+}
+
+impl Described for SensorDropout {
+    const FAMILY: Family = Family::NonlinearSensor;
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["rate"];
+    const NEAR_MISSES: &'static [&'static str] = &["half"];
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "onsets_per_sample": 1e-3 })
     }
 }

@@ -1,11 +1,13 @@
 //! A sensor of another gain: y' = g y.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::finite;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// y' = g y.
@@ -38,5 +40,17 @@ impl Law for SensorGain {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.gain]
+    }
+}
+
+impl Described for SensorGain {
+    const FAMILY: Family = Family::LinearSensor;
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure, On::Channels];
+    const PARAMETERS: &'static [&'static str] = &["g"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "gain": 1.0 + draw.sign * 0.05 })
     }
 }

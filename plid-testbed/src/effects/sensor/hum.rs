@@ -1,13 +1,15 @@
 //! Mains hum: a sine with harmonics, whose phase runs on through the records.
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{finite, not_negative, positive};
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// y' = y + a sin(2 pi f t + phi) + its harmonics.
@@ -71,5 +73,27 @@ impl Law for MainsHum {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.amplitude_v, self.frequency_hz, self.phase_rad]
+    }
+}
+
+impl Described for MainsHum {
+    const FAMILY: Family = Family::AddedBySensor;
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["a", "f", "phi"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let frequency_hz = if draw.sign > 0.0 { 50.0 } else { 60.0 } + draw.within(-0.05..0.05);
+        let harmonics = [(2, 0.1), (3, 0.3), (5, 0.15)].map(|(multiple, share)| {
+            let amplitude_v = 0.03 * share * draw.within(0.5..1.5);
+            json!({ "multiple": multiple, "amplitude_v": amplitude_v, "phase_rad": draw.within(0.0..TAU) })
+        });
+        json!({
+            "amplitude_v": 0.03,
+            "frequency_hz": frequency_hz,
+            "phase_rad": draw.within(0.0..TAU),
+            "harmonics": harmonics,
+        })
     }
 }

@@ -3,11 +3,13 @@
 use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// y'_k = al y'_{k-1} + (1 - al) y_k.
@@ -66,5 +68,18 @@ impl Law for SensorLag {
 
     fn own_equation(&self) -> bool {
         self.law == SensorLagLaw::OnePole
+    }
+}
+
+impl Described for SensorLag {
+    const FAMILY: Family = Family::LinearSensor;
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure, On::Channels];
+    const PARAMETERS: &'static [&'static str] = &["fc"];
+    const NEAR_MISSES: &'static [&'static str] = &["two-poles"];
+    const IMPERFECTION: bool = true;
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "corner_hz": 600.0 })
     }
 }

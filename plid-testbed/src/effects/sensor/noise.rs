@@ -1,11 +1,13 @@
 //! White noise on top of the declared.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -69,5 +71,17 @@ impl Law for SensorNoise {
 
     fn foretold(&self) -> bool {
         false
+    }
+}
+
+impl Described for SensorNoise {
+    const FAMILY: Family = Family::AddedBySensor;
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure, On::Sensor];
+    const PARAMETERS: &'static [&'static str] = &["std"];
+    const NEAR_MISSES: &'static [&'static str] = &["laplace"];
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "rms_v": 0.02 })
     }
 }

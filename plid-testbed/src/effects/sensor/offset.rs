@@ -1,11 +1,13 @@
 //! A sensor that is off by a constant: y' = y + o.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::finite;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// y' = y + o.
@@ -38,5 +40,17 @@ impl Law for SensorOffset {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.offset_v]
+    }
+}
+
+impl Described for SensorOffset {
+    const FAMILY: Family = Family::AddedBySensor;
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure, On::Sensor];
+    const PARAMETERS: &'static [&'static str] = &["o"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "offset_v": draw.sign * 0.02 })
     }
 }

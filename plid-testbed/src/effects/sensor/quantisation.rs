@@ -1,11 +1,13 @@
 //! A coarser code: y' = q round(y / q) of the ADC's value.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use ndarray::Array2;
 
@@ -63,5 +65,18 @@ impl Law for SensorQuantisation {
 
     fn own_equation(&self) -> bool {
         self.law == QuantisationLaw::Round
+    }
+}
+
+impl Described for SensorQuantisation {
+    const FAMILY: Family = Family::NonlinearSensor;
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure, On::Sensor];
+    const PARAMETERS: &'static [&'static str] = &["q"];
+    const NEAR_MISSES: &'static [&'static str] = &["truncate"];
+    const IMPERFECTION: bool = true;
+
+    fn start(_draw: &mut Draw<'_>) -> Value {
+        json!({ "step_v": 0.05 })
     }
 }

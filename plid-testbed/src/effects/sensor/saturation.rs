@@ -1,12 +1,14 @@
 //! A sensor that clips: y' = min(max(y, -a), a); the noise comes after.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
 use crate::effects::shapes::Limit;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// y' = min(max(y, -a), a).
@@ -50,5 +52,18 @@ impl Law for SensorSaturation {
 
     fn own_equation(&self) -> bool {
         self.law == Limit::Clip
+    }
+}
+
+impl Described for SensorSaturation {
+    const FAMILY: Family = Family::NonlinearSensor;
+    const AT: At = At::Output;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["a"];
+    const NEAR_MISSES: &'static [&'static str] = &["tanh", "arctangent"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "limit_v": 2.0 * draw.level.output })
     }
 }

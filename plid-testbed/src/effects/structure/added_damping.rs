@@ -1,10 +1,12 @@
 //! A damper that the simulation lacks: f = -c v at the port of one input.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::law::{Law, Limits, Load};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// f = -c v.
@@ -36,5 +38,18 @@ impl Law for AddedDamping {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.damping_s]
+    }
+}
+
+impl Described for AddedDamping {
+    const FAMILY: Family = Family::LinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Axis];
+    const PARAMETERS: &'static [&'static str] = &["c"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let own = draw.axis();
+        // Where the axis has none, one with a time constant of a second.
+        json!({ "damping_s": if own.damping > 0.0 { 0.1 * own.damping } else { own.inertia } })
     }
 }

@@ -1,10 +1,12 @@
 //! A payload that the simulation lacks: f = -m dv/dt at the port of one input.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::law::{Law, Limits, Load};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// f = -m dv/dt.
@@ -36,5 +38,16 @@ impl Law for AddedMass {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.mass_s2]
+    }
+}
+
+impl Described for AddedMass {
+    const FAMILY: Family = Family::LinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Axis];
+    const PARAMETERS: &'static [&'static str] = &["m"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "mass_s2": 0.1 * draw.axis().inertia })
     }
 }

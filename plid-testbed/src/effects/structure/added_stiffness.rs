@@ -1,10 +1,12 @@
 //! A spring that the simulation lacks: f = -k d at the port of one input.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::law::{Law, Limits, Load};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// f = -k d.
@@ -36,5 +38,18 @@ impl Law for AddedStiffness {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.stiffness]
+    }
+}
+
+impl Described for AddedStiffness {
+    const FAMILY: Family = Family::LinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Position];
+    const PARAMETERS: &'static [&'static str] = &["k"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let own = draw.axis();
+        // Where the axis has none, one with a period over 2 pi of a second.
+        json!({ "stiffness": if own.stiffness > 0.0 { 0.1 * own.stiffness } else { own.inertia } })
     }
 }

@@ -1,12 +1,14 @@
 //! Free play in a transmission: within a gap the spring of a joint, which the simulation has, does not act.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Gap;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// f = k d where |d| < g, k g sign(d) beyond: the force that cancels the joint's own spring k.
@@ -49,5 +51,17 @@ impl Law for Backlash {
 
     fn own_equation(&self) -> bool {
         self.law == Gap::Sharp
+    }
+}
+
+impl Described for Backlash {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Joint];
+    const PARAMETERS: &'static [&'static str] = &["k", "g"];
+    const NEAR_MISSES: &'static [&'static str] = &["rounded"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "stiffness": draw.axis().stiffness, "gap_v": 0.1 * draw.level.displacement })
     }
 }

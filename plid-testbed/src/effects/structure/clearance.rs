@@ -1,12 +1,14 @@
 //! A joint that meets a stop, or leaves one, beyond a gap.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Gap;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// f = -k (d - g) where d > g, -k (d + g) where d < -g, else 0.
@@ -49,5 +51,18 @@ impl Law for Clearance {
 
     fn own_equation(&self) -> bool {
         self.law == Gap::Sharp
+    }
+}
+
+impl Described for Clearance {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Structure, On::Joint];
+    const PARAMETERS: &'static [&'static str] = &["k", "g"];
+    const NEAR_MISSES: &'static [&'static str] = &["rounded", "asymmetric"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "stiffness": draw.sign * 0.01, "gap_v": draw.within(0.6..1.6) * draw.level.displacement })
     }
 }

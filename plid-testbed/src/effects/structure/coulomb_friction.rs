@@ -1,11 +1,13 @@
 //! Dry friction at the strut of one input: f = -F tanh(v / v0).
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// f = -F tanh(v / v0).
@@ -65,5 +67,18 @@ impl Law for CoulombFriction {
 
     fn own_equation(&self) -> bool {
         self.law == FrictionLaw::Tanh
+    }
+}
+
+impl Described for CoulombFriction {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Structure, On::Axis];
+    const PARAMETERS: &'static [&'static str] = &["F", "v0"];
+    const NEAR_MISSES: &'static [&'static str] = &["root", "stribeck"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "friction_v": 0.01, "transition_v_per_s": draw.within(0.05..0.15) * draw.level.velocity })
     }
 }

@@ -1,11 +1,13 @@
 //! A joint that hardens or softens: f = -k d^3 at the strut of one input.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// f = -k d^3.
@@ -70,5 +72,19 @@ impl Law for CubicStiffness {
 
     fn own_equation(&self) -> bool {
         self.law == CubicLaw::Cubic
+    }
+}
+
+impl Described for CubicStiffness {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Structure, On::Joint];
+    const PARAMETERS: &'static [&'static str] = &["k"];
+    const NEAR_MISSES: &'static [&'static str] = &["power", "straightening"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let d = draw.level.displacement;
+        json!({ "stiffness_per_v2": draw.sign * 0.01 / (d * d), "scale_v": d })
     }
 }

@@ -1,12 +1,17 @@
 //! Stops on both sides of an axis, at the same distance from rest.
 
+use std::f64::consts::TAU;
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{not_negative, positive};
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::stop;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// x = |d| - g, f = -sign(d) max(k x + c dx/dt, 0) where x > 0, else 0.
@@ -46,5 +51,29 @@ impl Law for EndStop {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.stiffness, self.damping_s, self.gap_v]
+    }
+}
+
+/// Frequency over the sample rate, and damping ratio, with which an axis would bounce on a stop.
+const BOUNCE: Range<f64> = 0.03..0.1;
+const BOUNCE_DAMPING: Range<f64> = 0.1..0.4;
+
+/// A stop on one side (+1 or -1) that begins where few displacements reach; the search brings it nearer.
+pub(super) fn start_at(draw: &mut Draw<'_>, side: f64) -> Value {
+    let inertia = draw.axis().inertia;
+    // The rate at which the axis would bounce on it, rad/s.
+    let w = TAU * draw.within(BOUNCE) * draw.truss.sample_rate_hz;
+    let damping = 2.0 * draw.within(BOUNCE_DAMPING) * w * inertia;
+    json!({ "stiffness": w * w * inertia, "damping_s": damping, "gap_v": side * 1.5 * draw.level.displacement })
+}
+
+impl Described for EndStop {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Position];
+    const PARAMETERS: &'static [&'static str] = &["k", "c", "g"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        start_at(draw, 1.0)
     }
 }

@@ -1,11 +1,13 @@
 //! Gravity on an axis that swings: the simulation has k d, and the axis k sin(d).
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{not_negative, positive};
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// f = k (d - sin(d)), a displacement of 1 V being 1 rad.
@@ -41,5 +43,17 @@ impl Law for GravitySine {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.stiffness]
+    }
+}
+
+impl Described for GravitySine {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Swing];
+    const PARAMETERS: &'static [&'static str] = &["k"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let whole = draw.axis().stiffness;
+        json!({ "stiffness": 0.3 * whole, "whole": whole })
     }
 }

@@ -1,11 +1,13 @@
 //! A joint that slips little by little: Iwan's, by its closed form and the turning points that it remembers.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
 
@@ -148,6 +150,22 @@ impl Law for IwanJoint {
 
     fn own_equation(&self) -> bool {
         self.law == SliderLaw::Power
+    }
+}
+
+impl Described for IwanJoint {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Structure];
+    /// The last one only where it is not zero.
+    const PARAMETERS: &'static [&'static str] = &["k", "dm", "chi", "s"];
+    const NEAR_MISSES: &'static [&'static str] = &["kink"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let slip_v = draw.within(1.5..4.0) * draw.level.displacement;
+        // The simulation lacks the joint, or has it as a spring.
+        let held = draw.sign.max(0.0);
+        json!({ "stiffness": 0.01, "slip_v": slip_v, "exponent": draw.within(-0.8..-0.2), "held": held })
     }
 }
 

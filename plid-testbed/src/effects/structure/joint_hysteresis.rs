@@ -1,12 +1,14 @@
 //! A joint that slips: f = -k z with z following the displacement until it yields.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Yielding;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
 
@@ -70,5 +72,18 @@ impl Law for JointHysteresis {
 
     fn own_equation(&self) -> bool {
         self.law == Yielding::BoucWen
+    }
+}
+
+impl Described for JointHysteresis {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Structure, On::Joint];
+    const PARAMETERS: &'static [&'static str] = &["k", "dy"];
+    const NEAR_MISSES: &'static [&'static str] = &["dahl", "sharp"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "stiffness": 0.01, "yield_v": draw.within(0.4..1.2) * draw.level.displacement })
     }
 }

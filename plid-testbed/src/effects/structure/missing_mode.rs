@@ -1,9 +1,11 @@
 //! A mode that the truss has and its list of modes has not.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
 use crate::effects::law::{Law, Limits, Plant};
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use crate::structure::{Mode, ModeGroup};
 use crate::{INPUTS, OUTPUTS};
@@ -53,5 +55,22 @@ impl Law for MissingMode {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.frequency_hz]
+    }
+}
+
+impl Described for MissingMode {
+    const FAMILY: Family = Family::LinearStructure;
+    const AT: At = At::NewMode;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["f"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let mode = draw.left_out.expect("the plant was drawn for it");
+        json!({
+            "frequency_hz": mode.frequency_hz,
+            "damping_ratio": mode.damping_ratio,
+            "input_shape": mode.input_shape,
+            "output_shape": mode.output_shape,
+        })
     }
 }

@@ -1,10 +1,12 @@
 //! One mode with another damping ratio: zeta -> rho zeta.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
-use crate::effects::law::{Law, Limits, Plant};
+use crate::effects::law::{Law, Limits, ModeChange, Plant};
 use crate::effects::place::ModeNumber;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// A mode that hardly moves any more; the exponential of a matrix of 1e300 does not end.
@@ -34,6 +36,10 @@ impl Law for ModalDamping {
         plant.modes[self.at.0].damping_ratio *= self.factor;
     }
 
+    fn mode_change(&self) -> Option<ModeChange> {
+        Some(ModeChange::Damping(self.factor.ln()))
+    }
+
     fn strengthen(&mut self, factor: f64) {
         // By its logarithm: the damping stays positive however strong the effect.
         self.factor = self.factor.powf(factor);
@@ -45,5 +51,16 @@ impl Law for ModalDamping {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.factor]
+    }
+}
+
+impl Described for ModalDamping {
+    const FAMILY: Family = Family::LinearStructure;
+    const AT: At = At::Mode;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["rho"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "factor": (draw.sign * 0.3_f64).exp() })
     }
 }

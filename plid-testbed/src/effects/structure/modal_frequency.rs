@@ -1,10 +1,12 @@
 //! One mode at another frequency: w -> w (1 + delta), damping ratio and shapes kept.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
-use crate::effects::law::{Law, Limits, Plant};
+use crate::effects::law::{Law, Limits, ModeChange, Plant};
 use crate::effects::place::ModeNumber;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// w_m -> w_m (1 + delta).
@@ -28,6 +30,10 @@ impl Law for ModalFrequency {
         plant.modes[self.at.0].frequency_hz *= 1.0 + self.change;
     }
 
+    fn mode_change(&self) -> Option<ModeChange> {
+        Some(ModeChange::Frequency(self.change.ln_1p()))
+    }
+
     fn strengthen(&mut self, factor: f64) {
         self.change *= factor;
     }
@@ -38,5 +44,16 @@ impl Law for ModalFrequency {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.change]
+    }
+}
+
+impl Described for ModalFrequency {
+    const FAMILY: Family = Family::LinearStructure;
+    const AT: At = At::Mode;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["delta"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "change": draw.sign * 0.005 })
     }
 }

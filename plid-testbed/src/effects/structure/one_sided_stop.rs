@@ -1,12 +1,15 @@
 //! A stop on one side of an axis.
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
+use super::end_stop::start_at;
 use crate::config::{finite, not_negative, positive};
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::stop;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// x = s d - |g| with s = sign(g), f = -s max(k x + c dx/dt, 0) where x > 0, else 0.
@@ -46,5 +49,16 @@ impl Law for OneSidedStop {
 
     fn parameters(&self) -> Vec<f64> {
         vec![self.stiffness, self.damping_s, self.gap_v]
+    }
+}
+
+impl Described for OneSidedStop {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Position];
+    const PARAMETERS: &'static [&'static str] = &["k", "c", "g"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        start_at(draw, draw.sign)
     }
 }

@@ -1,11 +1,13 @@
 //! Damping that grows with speed: f = -c |v| v.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// f = -c |v| v.
@@ -70,5 +72,19 @@ impl Law for QuadraticDamping {
 
     fn own_equation(&self) -> bool {
         self.law == DampingLaw::Quadratic
+    }
+}
+
+impl Described for QuadraticDamping {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Structure, On::Axis];
+    const PARAMETERS: &'static [&'static str] = &["c"];
+    const NEAR_MISSES: &'static [&'static str] = &["power", "asymmetric"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let v = draw.level.velocity;
+        json!({ "damping_s2_per_v": 0.01 / (v * v), "scale_v_per_s": v })
     }
 }

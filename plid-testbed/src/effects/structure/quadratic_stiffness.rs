@@ -1,11 +1,13 @@
 //! A joint that is stiffer one way than the other: f = -k d^2.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::finite;
 use crate::effects::chain::{Chain, Site};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
 /// f = -k d^2.
@@ -59,5 +61,18 @@ impl Law for QuadraticStiffness {
 
     fn own_equation(&self) -> bool {
         self.law == QuadraticLaw::Quadratic
+    }
+}
+
+impl Described for QuadraticStiffness {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["k"];
+    const NEAR_MISSES: &'static [&'static str] = &["one-sided"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "stiffness_per_v": draw.sign * 0.01 / draw.level.displacement })
     }
 }

@@ -2,11 +2,13 @@
 //! higher than the force with which it brakes a port that slides.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::{not_negative, positive};
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
 use crate::state_space::multiply_add;
@@ -103,5 +105,19 @@ impl Law for StickFriction {
 
     fn own_equation(&self) -> bool {
         self.law == StickLaw::Gaussian
+    }
+}
+
+impl Described for StickFriction {
+    const FAMILY: Family = Family::NonlinearStructure;
+    const AT: At = At::Port;
+    const ON: &'static [On] = &[On::Axis];
+    const PARAMETERS: &'static [&'static str] = &["Fc", "Fs", "vs"];
+    const NEAR_MISSES: &'static [&'static str] = &["lorentzian"];
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        let holds_v = 0.05 * draw.within(1.1..1.6);
+        let transition_v_per_s = draw.within(0.05..0.3) * draw.level.velocity;
+        json!({ "slides_v": 0.05, "holds_v": holds_v, "transition_v_per_s": transition_v_per_s })
     }
 }

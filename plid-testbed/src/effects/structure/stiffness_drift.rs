@@ -1,11 +1,13 @@
 //! A slow change of stiffness: w_m^2 -> w_m^2 (1 + r t) for every mode, t since the first record began.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::config::finite;
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled};
 use crate::effects::law::{Law, Limits};
 use crate::effects::shapes::Course;
+use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use crate::plant::{modal_force, mode_state};
 
@@ -65,5 +67,18 @@ impl Law for StiffnessDrift {
 
     fn own_equation(&self) -> bool {
         self.law == Course::Linear
+    }
+}
+
+impl Described for StiffnessDrift {
+    const FAMILY: Family = Family::Time;
+    const AT: At = At::Whole;
+    const ON: &'static [On] = &[On::Structure];
+    const PARAMETERS: &'static [&'static str] = &["r"];
+    const NEAR_MISSES: &'static [&'static str] = &["settling"];
+    const IMPERFECTION: bool = true;
+
+    fn start(draw: &mut Draw<'_>) -> Value {
+        json!({ "rate_per_s": draw.sign * 1e-4 })
     }
 }
