@@ -2,8 +2,8 @@
 //!
 //! The file has the type of the effect with two traits. `Described` is what draws of cases and their labels need to
 //! know, such as its family, its kind of place and the plants on which it makes sense; everything else reads it from
-//! the table of these. A further effect is its file, the two lines that declare and export it (`mod` and `pub use`), and
-//! one line of the list `effects!` below.
+//! the table of these. A further effect is its file, the two lines that declare and export it (`mod` and `pub use`),
+//! and one line of the list `effects!` below.
 //!
 //! An effect is a `Law`: it changes the linear plant, or takes its place in the chain of a record: between
 //! amplifier and actuator pole, inside the structure (integrated in continuous time together with it), on the samples
@@ -85,8 +85,8 @@ macro_rules! effects {
     };
 }
 
-// The one list of built-in effects. Trials draw them in this order, so that it is part of the meaning of a seed. A
-// further effect of the vocabulary comes behind the others of it; then come the outsiders.
+// The one list of built-in effects. Trials draw them in this order, so it is part of the meaning of a seed: first the
+// vocabulary as far as it is drawn on structures, then the rest of it, then the outsiders.
 effects! {
     "cubic-stiffness" = structure::CubicStiffness;
     "quadratic-stiffness" = structure::QuadraticStiffness;
@@ -147,8 +147,8 @@ effects! {
     "x-thermal-gain" = outside::ThermalGain;
 }
 
-/// Returns the entries of the built-in effects, in the order of the list, and then those of the effects that the program
-/// has added.
+/// Returns the entries of the built-in effects, in the order of the list, and then those of the effects that the
+/// program has added.
 fn entries() -> impl Iterator<Item = Entry> {
     BUILT_IN.iter().copied().chain(own::all().into_iter().map(Entry::added))
 }
