@@ -3,6 +3,9 @@
 use std::fs;
 use std::path::Path;
 
+use plid_trial::judge::{Claim, judge};
+use plid_trial::truth::Truth;
+
 use crate::{fuzz, with_folder, words};
 
 #[test]
@@ -68,5 +71,22 @@ fn answer() {
             }
             words(merged)
         })
+    });
+}
+
+/// What is asked of a label that can be read.
+#[test]
+fn label() {
+    fuzz("label", 2000, 5000, |bytes| {
+        let read = serde_json::from_slice::<Truth>(bytes);
+        if let Ok(truth) = &read {
+            let places = ["input:u1", "input:u1->u2", "input:all", "output:y1->y3", "mode:168", "freq:50 Hz", "structure"];
+            for effect in truth.effects.iter().chain(&truth.background_effects) {
+                places.iter().for_each(|place| _ = effect.is_at(place));
+            }
+            truth.nuisances();
+            judge(truth, &[], &Claim::missing(), Some(0.1));
+        }
+        words(read)
     });
 }

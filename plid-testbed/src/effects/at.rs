@@ -69,10 +69,10 @@ impl At {
     #[must_use]
     pub fn is_meant(self, location: &str, loc: usize, par: &[f64], hz: f64) -> bool {
         let (kind, at) = location.split_once(':').unwrap_or((location, ""));
-        let number = loc + 1;
+        let number = loc.saturating_add(1);
         let single = |letter: char| at == format!("{letter}{number}");
         let pair = |letter: char| {
-            let to = par.get(1).map_or(0, |j| *j as usize + 1);
+            let to = par.get(1).map_or(0, |j| (*j as usize).saturating_add(1));
             at == format!("{letter}{number}->{letter}{to}")
         };
         let stated = at.split_whitespace().next().and_then(|word| word.parse::<f64>().ok());
