@@ -111,7 +111,9 @@ macro_rules! on_every_backend {
 impl FormEntry {
     /// A form on every backend that is built in.
     pub fn of<F: FormFamily>(name: &'static str) -> Self {
-        let mut cells = vec![("plain", start::<F::On<Plain<Counted>>>())];
+        let mut cells = Vec::new();
+        #[cfg(feature = "count")]
+        cells.push(("plain", start::<F::On<Plain<Counted>>>()));
         plid_backends::every_backend!(on_every_backend, F, cells);
         Self { name, facts: F::On::<Plain<f64>>::FACTS, cells }
     }
@@ -140,6 +142,7 @@ impl ExpectationEntry {
             expectation::<F::In<f32>>(),
             expectation::<F::In<f64>>(),
             expectation::<F::In<qd::Quad>>(),
+            #[cfg(feature = "count")]
             expectation::<F::In<Counted>>(),
         ];
         Self { name, flops: F::In::<f64>::FLOPS, cells }

@@ -6,6 +6,7 @@ use plid_core::{
 };
 use serde::{Deserialize, Serialize};
 
+#[cfg(feature = "count")]
 use crate::count::Counted;
 use crate::registry::{Number, registry};
 use crate::{BackendName, CovarianceName, ExpectationName, ScalarName};
@@ -139,6 +140,7 @@ impl Variant {
     ///
     /// # Errors
     /// [`VariantError`]
+    #[cfg(feature = "count")]
     pub fn build_counted(self, form: ObservableForm, noise: &NoiseModel, settings: &Settings) -> Built {
         let plain = Variant { backend: BackendName::Plain, ..self };
         plain.in_scalar::<Counted>("counted f64", form, noise, settings)
