@@ -80,7 +80,8 @@ fn label() {
     fuzz("label", 2000, 5000, |bytes| {
         let read = serde_json::from_slice::<Truth>(bytes);
         if let Ok(truth) = &read {
-            let places = ["input:u1", "input:u1->u2", "input:all", "output:y1->y3", "mode:168", "freq:50 Hz", "structure"];
+            let places =
+                ["input:u1", "input:u1->u2", "input:all", "output:y1->y3", "mode:168", "freq:50 Hz", "structure"];
             for effect in truth.effects.iter().chain(&truth.background_effects) {
                 places.iter().for_each(|place| _ = effect.is_at(place));
             }

@@ -175,6 +175,10 @@ fn first_lag(prepared: &Prepared) -> i64 {
     if prepared.advanced == 1 { 0 } else { 1 }
 }
 
+/// Largest number of held-out samples of which the residuals are tested. More would take memory and time, and show
+/// errors that are too small to matter.
+const TESTED: usize = 100_000;
+
 /// Tests of the held-out one-step residuals.
 #[derive(Default)]
 struct ResidualTests {
@@ -190,7 +194,8 @@ impl ResidualTests {
         let Some(residual) = residual else { return Self::default() };
         let last = prepared.records.len() - 1;
         let inputs = prepared.records[last].inputs.slice(s![prepared.training[last].., ..]);
-        let tested = residual.slice(s![..inputs.nrows(), ..]);
+        let samples = inputs.nrows().min(TESTED);
+        let (inputs, tested) = (inputs.slice_move(s![..samples, ..]), residual.slice(s![..samples, ..]));
         let lags = experiment.validation.lags.unwrap_or(50.min(residual.nrows() / 8)).max(1);
         // An advanced input at k - 1 is the input at k.
         let cross_options = CrossCorrelationOptions { first_lag: 1, last_lag: lags as i64, confidence: 0.99 };

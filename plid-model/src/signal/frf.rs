@@ -50,7 +50,7 @@ const DEPENDENT: f64 = 1e-10;
 ///
 /// # Errors
 /// Returns [`SignalError::TooShort`] unless there are more averages than inputs, [`SignalError::Constant`] for a
-/// constant input, and the errors of [`welch_spectra`].
+/// constant input, and the errors of [`welch_spectra`](crate::signal::welch_spectra).
 pub fn welch_frf(
     inputs: ArrayView2<f64>,
     outputs: ArrayView2<f64>,
