@@ -228,7 +228,7 @@ mod tests {
     proptest! {
         /// Another library, faer, finds the same eigenvalues; the vectors satisfy their definition.
         #[test]
-        fn eigenvalues_are_those_of_another_library(n in 1_usize..24, entries in prop::collection::vec(-1.0..1.0, 576)) {
+        fn another_library_agrees(n in 1_usize..24, entries in prop::collection::vec(-1.0..1.0, 576)) {
             let a = DMatrix::from_fn(n, n, |i, j| entries[i * 24 + j]);
             prop_assert!(misfit(&a) < 1e-11, "{}", misfit(&a));
             let theirs = faer::Mat::from_fn(n, n, |i, j| a[(i, j)]).eigenvalues().unwrap();

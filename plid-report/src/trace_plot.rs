@@ -24,8 +24,8 @@ fn with_unit(name: &str, unit: &str) -> String {
     if unit.is_empty() { name.to_string() } else { format!("{name}, {unit}") }
 }
 
-/// Plots measured, one-step predicted and free-run outputs over a window of samples, which are counted from the start of
-/// the record, with the errors below each output.
+/// Plots measured, one-step predicted and free-run outputs over a window of samples, with the errors below each output.
+/// The window counts samples from the start of the record.
 pub fn trace_plot(traces: &[Trace], sample_rate_hz: f64, window: Range<usize>) -> String {
     let points = |values: &[f64]| -> Vec<(f64, f64)> {
         window.clone().zip(values).map(|(k, value)| (k as f64 / sample_rate_hz, *value)).collect()

@@ -229,8 +229,8 @@ fn add_offsets(prepared: &Prepared, record: usize, first: usize, outputs: &mut A
     }
 }
 
-/// Returns the noise of each output over its RMS (`measured` has the scaled outputs), from the spread of averaged repeats or of the periods named in the
-/// config.
+/// Returns the noise of each output over its RMS, from the spread of averaged repeats or of the periods named in the
+/// config. `measured` holds the scaled outputs.
 fn noise_floor(
     experiment: &Experiment,
     prepared: &Prepared,
