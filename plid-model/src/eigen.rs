@@ -42,8 +42,8 @@ pub(super) fn eigen(a: &DMatrix<f64>) -> Result<Eigen, ModelError> {
     Ok(Eigen { values, right, left })
 }
 
-/// The library is faer. nalgebra's Schur decomposition does not converge for a cyclic permutation, which a delay line in
-/// a loop is. With a tolerance of the rounding, it did not converge for drawn structures of 29 states either.
+/// The library is faer. nalgebra's Schur decomposition does not converge for a cyclic permutation, which a delay line
+/// in a loop is. With a tolerance of the rounding, it did not converge for drawn structures of 29 states either.
 fn library(a: &DMatrix<f64>) -> faer::Mat<f64> {
     faer::Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)])
 }
@@ -82,8 +82,8 @@ mod tests {
         }
     }
 
-    /// A delay line, a repeated pole, and nothing at all. Vectors that are linearly dependent have no inverse, or one as
-    /// large as rounding makes it.
+    /// A delay line, a repeated pole, and nothing at all. Vectors that are linearly dependent have no inverse, or one
+    /// as large as rounding makes it.
     #[test]
     fn defective_matrices_have_their_values() {
         for (value, n) in [(0.0, 1), (0.0, 3), (0.0, 40), (0.9, 6), (1.0, 2)] {
@@ -97,10 +97,10 @@ mod tests {
     }
 
     proptest! {
-        /// The vectors satisfy their definition, and conjugates come in pairs to the bit, so that a filter of the values
-        /// above the real axis finds one of each.
+        /// The vectors satisfy their definition, and conjugates come in pairs to the bit, so that a filter of the
+        /// values above the real axis finds one of each.
         #[test]
-        fn values_and_vectors_are_those_of_the_matrix(n in 1_usize..32, entries in prop::collection::vec(-1.0..1.0, 1024)) {
+        fn vectors_satisfy_their_definition(n in 1_usize..32, entries in prop::collection::vec(-1.0..1.0, 1024)) {
             let a = DMatrix::from_fn(n, n, |i, j| entries[i * 32 + j]);
             prop_assert!(misfit(&a) < 1e-11, "{}", misfit(&a));
             let values = eigenvalues(&a).unwrap();
