@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use nalgebra::{DMatrix, DVector, DVectorView};
-use plid_lsq::{Damping, Ended, Normal, Stop, minimise};
+use plid_lsq::{Damping, Ended, Minimum, Normal, Stop, minimise};
 
 use crate::case::record::Channels;
 use crate::effects::Range;
@@ -49,7 +49,9 @@ impl<'a> Problem<'a> {
             found.point.slopes = None;
             let Ok(again) = minimise(&mut fitting, found.point, DAMPING, stop(left));
             left -= again.steps;
-            found = again;
+            // A search that the bounds do not let begin has no equations: those before it belong to the same point.
+            let equations = if again.steps == 0 { found.equations } else { again.equations };
+            found = Minimum { equations, ..again };
         }
         found.point.slopes = None;
         if left == steps {
