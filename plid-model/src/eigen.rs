@@ -42,8 +42,8 @@ pub(super) fn eigen(a: &DMatrix<f64>) -> Result<Eigen, ModelError> {
     Ok(Eigen { values, right, left })
 }
 
-/// The library is faer. nalgebra's Schur decomposition does not converge for a cyclic permutation, which a delay line
-/// in a loop is. With a tolerance of the rounding, it did not converge for drawn structures of 29 states either.
+/// The library is faer. nalgebra's Schur decomposition does not converge for a cyclic permutation, such as a delay line
+/// in a loop. At a tolerance of machine epsilon, it also fails for structures of 29 states that the testbed draws.
 fn library(a: &DMatrix<f64>) -> faer::Mat<f64> {
     faer::Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)])
 }

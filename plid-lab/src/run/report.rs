@@ -5,6 +5,7 @@ use num_complex::Complex64;
 
 use super::error::RunError;
 use super::report_simulation;
+use super::simulation::Aligned;
 use super::validate::{Errors, Shown};
 use super::{Outcome, PeakRow};
 use crate::experiment::to_toml;
@@ -209,14 +210,10 @@ pub(super) fn band(outcome: &Outcome, rate: f64) -> (f64, f64) {
 
 fn measured_response(outcome: &Outcome, rate: f64) -> Option<WelchFrf> {
     let prepared = &outcome.prepared;
-    let record = prepared.records.last()?;
-    // The output that belongs to an advanced input is that of the next sample.
-    let pairs = record.samples() - prepared.advanced;
-    let inputs = record.inputs.slice(ndarray::s![..pairs, ..]);
-    let outputs = record.outputs.slice(ndarray::s![prepared.advanced.., ..]);
+    let record = Aligned::of(prepared, prepared.records.len() - 1);
     let options = WelchOptions { sample_rate_hz: rate, segment_length: None };
     // A record that is too short or has too many gaps for a spectrum still gets a report.
-    let scaled = welch_frf(inputs, outputs, &options).ok()?;
+    let scaled = welch_frf(record.inputs, record.outputs.view(), &options).ok()?;
     Some(scaled.in_units(&prepared.input_scales, &prepared.output_scales))
 }
 
@@ -539,11 +536,11 @@ fn keep_least_likely(cross: &mut Vec<(String, &Correlation)>, most: usize) -> St
     if all <= most {
         return String::new();
     }
-    let mut p_values: Vec<f64> = cross.iter().map(|(_, c)| c.test.p_value).collect();
-    p_values.sort_by(f64::total_cmp);
-    let limit = p_values[most - 1];
-    cross.retain(|(_, c)| c.test.p_value <= limit);
-    cross.truncate(most);
+    let mut kept: Vec<usize> = (0..all).collect();
+    kept.sort_by(|&a, &b| cross[a].1.test.p_value.total_cmp(&cross[b].1.test.p_value));
+    kept.truncate(most);
+    kept.sort_unstable();
+    *cross = kept.into_iter().map(|k| cross[k].clone()).collect();
     format!(" Plotted are the {most} of {all} pairs with the smallest p-values.")
 }
 

@@ -102,14 +102,14 @@ pub struct Simulation {
 
 /// A record as measured, with scaled channels. The inputs of a prepared record may have been advanced, in which case
 /// this record starts one sample later.
-struct Aligned<'a> {
-    inputs: ArrayView2<'a, f64>,
-    outputs: CowArray<'a, f64, Ix2>,
+pub(super) struct Aligned<'a> {
+    pub inputs: ArrayView2<'a, f64>,
+    pub outputs: CowArray<'a, f64, Ix2>,
     training: usize,
 }
 
-fn aligned(prepared: &Prepared) -> Vec<Aligned<'_>> {
-    let one = |number: usize| {
+impl<'a> Aligned<'a> {
+    pub fn of(prepared: &'a Prepared, number: usize) -> Self {
         let record = &prepared.records[number];
         let (inputs, mut outputs) = (record.inputs.view(), CowArray::from(&record.outputs));
         let mut training = prepared.training[number];
@@ -120,9 +120,8 @@ fn aligned(prepared: &Prepared) -> Vec<Aligned<'_>> {
             outputs = concatenate![Axis(0), outputs.slice(s![1.., ..]), last].into();
             training = training.saturating_sub(1);
         }
-        Aligned { inputs, outputs, training }
-    };
-    (0..prepared.records.len()).map(one).collect()
+        Self { inputs, outputs, training }
+    }
 }
 
 /// The training part of each record that has one.
@@ -160,7 +159,7 @@ pub(super) fn carry_out(
     own: &Errors,
     progress: &dyn Progress,
 ) -> Result<(Simulation, Vec<String>), RunError> {
-    let records = aligned(prepared);
+    let records: Vec<Aligned> = (0..prepared.records.len()).map(|number| Aligned::of(prepared, number)).collect();
     let training = training(&records);
     let rate = scaled.sample_rate_hz;
     let options = Options {
