@@ -34,8 +34,8 @@ pub struct Done {
     pub cases: usize,
     /// Number of cases that already had an answer.
     pub before: usize,
-    /// The cases whose diagnosis failed, in order.
-    pub failed: Vec<String>,
+    /// The cases whose diagnosis failed, each with the reason, in order.
+    pub failed: Vec<(String, String)>,
     /// Where the answers are.
     pub answers: PathBuf,
 }
@@ -175,7 +175,7 @@ pub(crate) fn answer_all(
     let mut failed = Vec::new();
     for case in ours {
         match answer::read(&answers, &case.case)? {
-            Some((answered, _)) => failed.extend(answered.failed.map(|_| case.case.clone())),
+            Some((answered, _)) => failed.extend(answered.failed.map(|why| (case.case.clone(), why))),
             None => return Err(TrialError::Interrupted { directory: answers }),
         }
     }

@@ -446,6 +446,28 @@ impl Scores {
         }
     }
 
+    /// Returns, in words, how many diagnoses failed and why; `None` if none failed.
+    pub fn failures(&self) -> Option<String> {
+        let mut cases_of: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        for line in &self.cases {
+            if let Some(why) = &line.failed {
+                cases_of.entry(why).or_default().push(&line.case);
+            }
+        }
+        if cases_of.is_empty() {
+            return None;
+        }
+        let failed: usize = cases_of.values().map(Vec::len).sum();
+        let mut reasons: Vec<_> = cases_of.into_iter().collect();
+        reasons.sort_by_key(|(_, cases)| std::cmp::Reverse(cases.len()));
+        let reasons: Vec<String> = reasons
+            .into_iter()
+            .map(|(why, cases)| format!("{} ({})", why.trim_end_matches('.'), cases.join(", ")))
+            .collect();
+        let of = self.cases.len();
+        Some(format!("{failed} of {of} diagnoses failed and count as wrong: {}.", reasons.join("; ")))
+    }
+
     /// Returns the figures of a group for one answerer.
     pub fn totals(&self, by: &str, is: &str, answerer: usize) -> Option<&Totals> {
         totals(&self.groups, by, is, answerer)

@@ -2,7 +2,7 @@
 
 use plid_report::{Axis, Cell, Chart, Report, Series, Table, chart};
 
-use super::words::{at, explanation, percent};
+use super::words::{at, explanation, kind, percent};
 use super::{GIVEN, REFERENCE, WITH, shrink, whereabouts};
 use crate::answer::schema::NamedEffect;
 use crate::case::Case;
@@ -198,7 +198,7 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
     let gap = &outcome.diagnosis.gap;
     // A zero has no sign.
     let figure = |share: f64| Cell::fixed(if share.abs() < 5e-5 { 0.0 } else { 100.0 * share }, 2);
-    let mut table = Table::new(format!("The gap in numbers, on {}.", gap.measured_on.join(", ")))
+    let mut table = Table::new(format!("The gap in numbers, on {} ({}).", gap.measured_on.join(", "), kind(outcome)))
         .column("figure", "")
         .column("value", "%");
     let rows = [

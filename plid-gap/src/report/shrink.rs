@@ -3,7 +3,7 @@
 use plid_report::{Bar, Bars, Report, bars};
 
 use super::traces::{self, Traces};
-use super::words::{held_out, percent, with, worst};
+use super::words::{held_out, kind, percent, with, worst};
 use crate::diagnose::Outcome;
 use crate::judge::gap::shrink;
 use crate::judge::verdict::Verdict;
@@ -12,11 +12,7 @@ use crate::judge::verdict::Verdict;
 pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     let gap = &outcome.diagnosis.gap;
     let on = gap.measured_on.join(", ");
-    let kind = if held_out(outcome) {
-        "held out from all fitting"
-    } else {
-        "a fitted record, because nothing could be held out"
-    };
+    let kind = kind(outcome);
     let mut sentences = Vec::new();
     if outcome.diagnosis.verdict != Verdict::None {
         sentences.push(format!(

@@ -72,6 +72,15 @@ pub(super) fn held_out(outcome: &Outcome) -> bool {
     !outcome.diagnosis.gap.measured_on.iter().any(fitted)
 }
 
+/// States how far the records on which the gaps were measured have been used.
+pub(super) fn kind(outcome: &Outcome) -> &'static str {
+    if held_out(outcome) {
+        "held out from all fitting; the verdict used it to accept or reject explanations"
+    } else {
+        "a fitted record, because nothing could be held out"
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::{percent, short};

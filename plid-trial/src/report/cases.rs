@@ -6,12 +6,7 @@ use crate::judge::Asked;
 use crate::scores::{Line, Scores};
 
 pub(super) fn section(report: Report, scores: &Scores) -> Report {
-    let failed: Vec<String> = scores
-        .cases
-        .iter()
-        .filter_map(|line| line.failed.as_ref().map(|why| format!("{}: no answer: {why}", line.case)))
-        .collect();
-    let report = report.heading("Case by case").warnings(failed);
+    let report = report.heading("Case by case").warnings(scores.failures());
     let alarms = |line: &Line| line.asked == Asked::None && line.judged[0].named;
     let wrong = |line: &Line| line.judged[0].wrong && !alarms(line);
     let report = table(report, scores, "False alarms.", &alarms);

@@ -50,6 +50,7 @@ fn sentences(scores: &Scores) -> Vec<String> {
     let kept = scores.targets.iter().filter(|t| t.reached == Some(true)).count();
     let asked = scores.targets.iter().filter(|t| t.reached.is_some()).count();
     sentences.push(format!("{}; {kept} of the {asked} targets that this trial can show are reached.", scores.extent()));
+    sentences.extend(scores.failures());
     sentences.extend(main_cause::sentences(scores));
     for (is, equation) in [(OWN, "the vocabulary's own equation"), (NEAR, "another law of the same physics")] {
         if let Some(t) = scores.totals(EQUATION, is, 0) {

@@ -159,7 +159,10 @@ fn answers_and_scores_do_not_depend_on_jobs_shards_or_what_is_sealed() {
     assert_eq!(merge(&shared.t(), &[]).unwrap(), 2);
     assert_eq!(shared.score().unwrap(), other);
     let page = fs::read_to_string(whole.directory.path().join("out/report.html")).unwrap();
-    assert!(page.contains("case-002: no answer: panicked") && page.contains("<svg"));
+    // The page begins with what failed; a second answer to a case is a diagnosis, too.
+    let failures = page.find(" diagnoses failed and count as wrong: ").unwrap();
+    assert!(failures < page.find("<svg").unwrap());
+    assert!(page.contains("panicked: the second case is too much (case-002)"));
 }
 
 #[test]
@@ -356,7 +359,11 @@ fn what_was_done_before_an_interruption_is_not_done_again() {
     fs::create_dir(answers.join(".case-004.x.plid-tmp")).unwrap();
     let done = diagnose_with(&trial.t(), options, &made_up, &Silent).unwrap();
     assert_eq!((done.cases, done.before), (5, 3));
-    assert_eq!(done.failed, ["case-002", "case-004"]);
+    let failed: Vec<_> = done.failed.iter().map(|(case, why)| (case.as_str(), why.as_str())).collect();
+    assert_eq!(
+        failed,
+        [("case-002", "panicked: the second case is too much"), ("case-004", "the fourth case cannot be read")]
+    );
     whole.diagnose(None, 1);
     assert_eq!(bytes(&answers), bytes(&whole.t().join("answers")));
 }

@@ -3,6 +3,7 @@ use std::path::PathBuf;
 use plid::gap::Step;
 use plid::gap::effects::Library;
 use plid_trial::{Done, Options, Shard, diagnose, diagnose_without};
+use serde_json::json;
 
 use super::progress::Bar;
 use super::{Failure, Voice, voice};
@@ -51,18 +52,16 @@ pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result
 /// A summary with one line for each set of answers.
 fn tell(done: &Done, voice: Voice) -> Result<(), Failure> {
     if voice.json {
-        let text = serde_json::json!({
-            "cases": done.cases, "before": done.before, "failed": done.failed, "answers": done.answers
+        let failed: Vec<_> = done.failed.iter().map(|(case, why)| json!({ "case": case, "reason": why })).collect();
+        let text = json!({
+            "cases": done.cases, "before": done.before, "failed": failed, "answers": done.answers
         });
         return voice::print(&format!("{text}\n"));
     }
     if voice.quiet {
         return Ok(());
     }
-    let failed = match done.failed.as_slice() {
-        [] => String::new(),
-        failed => format!("no answer to {}\n", failed.join(", ")),
-    };
+    let failed: String = done.failed.iter().map(|(case, why)| format!("no answer to {case}: {why}\n")).collect();
     voice::print(&format!(
         "{} cases, {} of them answered before: {}\n{failed}",
         done.cases,

@@ -53,7 +53,7 @@ pub fn into(
     bar.finish();
     let scores = scores?;
     if voice.json {
-        let text = serde_json::json!({ "targets": scores.targets, "report": out.join("report.html") });
+        let text = serde_json::json!({ "targets": scores.targets, "failures": scores.failures(), "report": out.join("report.html") });
         return voice::print(&format!("{text:#}\n"));
     }
     if voice.quiet {
@@ -64,6 +64,7 @@ pub fn into(
 
 fn summary(scores: &Scores) -> String {
     let mut text = format!("{}, seed {}\n", scores.extent(), scores.seed);
+    text.extend(scores.failures().map(|failures| failures + "\n"));
     for target in &scores.targets {
         let found = target.found.map_or("-".to_owned(), |found| format!("{found:.3}"));
         let sign = if target.at_least { ">=" } else { "<=" };
