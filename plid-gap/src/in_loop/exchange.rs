@@ -9,7 +9,7 @@ use crate::fit::problem::Placed;
 use crate::in_loop::bounds::Bounds;
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
-use crate::in_loop::screen::{Entry, screen};
+use crate::in_loop::screen::Entry;
 use crate::in_loop::search::Search;
 
 impl<'a> Search<'_, 'a> {
@@ -55,7 +55,7 @@ impl<'a> Search<'_, 'a> {
         let rest: Vec<Placed> = [&best.effects[..at], &best.effects[at + 1..]].concat();
         let Ok(simulated) = quick.simulate(runs, &rest, &best.eta) else { return Vec::new() };
         let beside = quick.as_is(rest, best.eta.clone(), simulated);
-        let entries = screen(quick, runs, &self.effects, &beside, &self.scope, bounds, say);
+        let entries = self.screen(quick, runs, &beside, bounds, say);
         let is_first = |at: usize| !entries[..at].iter().any(|other| same(&other.placed, &entries[at].placed));
         let is_new = |entry: &&Entry| !same(&entry.placed, &best.effects[at]);
         let distinct = (0..entries.len()).filter(|at| is_first(*at)).map(|at| &entries[at]).filter(is_new);

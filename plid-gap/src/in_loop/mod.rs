@@ -26,6 +26,7 @@ mod runs;
 mod screen;
 mod search;
 mod slopes;
+mod stand_in;
 mod survey;
 
 pub use answer::{LoopDiagnosis, LoopGap, SimulatorWithEffects, WrittenPort};

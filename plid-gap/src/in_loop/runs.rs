@@ -256,7 +256,7 @@ impl<'s> Runs<'s> {
         effects: &[Placed],
         record: &Record,
     ) -> Result<(Channels, Vec<f64>), SimulatorError> {
-        let (steps, ports) = (self.description().steps_per_sample, self.description().ports.len());
+        let ports = self.description().ports.len();
         if ports == 0 {
             return Ok((self.simulate(setting, effects, record)?, Vec::new()));
         }
@@ -266,23 +266,72 @@ impl<'s> Runs<'s> {
         let mut y = if let Some(y) = self.resting(&prepared) {
             y
         } else {
-            let began = Instant::now();
-            let mut forces = prepared.forces(steps, &self.responses);
             let mut rest: Option<Vec<Motion>> = None;
-            let u = regrouped(&prepared.drive, steps);
-            let y = self.simulator.run_with(&prepared.values, &u, |step, motions, applied| {
+            self.stepped(&prepared, |_, motions, _| {
                 let rest = rest.get_or_insert_with(|| motions.to_vec());
                 for (peak, (now, rest)) in peaks.iter_mut().zip(motions.iter().zip(rest)) {
                     *peak = peak.max((now.displacement - rest.displacement).abs());
                 }
-                forces(step, motions, applied);
-            })?;
-            drop(forces);
-            self.count(record.samples(), began);
-            y
+            })?
         };
         acting.sense(&mut y, record.start_s, setting.plant.rate);
         Ok((y, peaks))
+    }
+
+    /// Returns the outputs (p channels) for the inputs of a record, with effects, and the motions of the ports before
+    /// each step. `added` is added to the inputs and, after them, to the forces at the ports (m + q channels).
+    ///
+    /// # Errors
+    /// [`SimulatorError`] if the simulator fails.
+    pub fn pushed(
+        &mut self,
+        setting: &Setting,
+        effects: &[Placed],
+        record: &Record,
+        added: &[Vec<f64>],
+    ) -> Result<(Channels, Vec<Vec<Motion>>), SimulatorError> {
+        let acting = Acting::new(setting, effects);
+        let mut prepared = self.prepared(&acting, record, setting.plant.rate);
+        let parts = prepared.drive.parts;
+        let (inputs, forces) = added.split_at(prepared.drive.u.len());
+        for (u, added) in prepared.drive.u.iter_mut().zip(inputs) {
+            u.iter_mut().enumerate().for_each(|(k, u)| *u += added[k / parts]);
+        }
+        let (steps, mut seen) = (self.description().steps_per_sample.max(1), Vec::new());
+        let mut y = if forces.is_empty() {
+            self.carried_out(&[prepared]).remove(0)?
+        } else {
+            self.stepped(&prepared, |step, motions, applied| {
+                seen.push(motions.to_vec());
+                applied.iter_mut().zip(forces).for_each(|(applied, force)| *applied += force[step / steps]);
+            })?
+        };
+        acting.sense(&mut y, record.start_s, setting.plant.rate);
+        Ok((y, seen))
+    }
+
+    /// Returns the command of a record with effects.
+    pub fn drive(&self, setting: &Setting, effects: &[Placed], record: &Record) -> Drive {
+        self.prepared(&Acting::new(setting, effects), record, setting.plant.rate).drive
+    }
+
+    /// Carries out a run step by step. `see` gets the number of the step, the motions before it and the forces of the
+    /// effects, to which it may add.
+    fn stepped(
+        &mut self,
+        prepared: &Prepared,
+        mut see: impl FnMut(usize, &[Motion], &mut [f64]),
+    ) -> Result<Channels, SimulatorError> {
+        let (steps, began) = (self.description().steps_per_sample, Instant::now());
+        let mut forces = prepared.forces(steps, &self.responses);
+        let u = regrouped(&prepared.drive, steps);
+        let y = self.simulator.run_with(&prepared.values, &u, |step, motions, applied| {
+            forces(step, motions, applied);
+            see(step, motions, applied);
+        })?;
+        drop(forces);
+        self.count(prepared.record.samples(), began);
+        Ok(y)
     }
 
     /// Returns the outputs of several runs, each of a record with effects. They go side by side if the simulator has
@@ -415,7 +464,7 @@ fn written(placed: &Placed, setting: &Setting) -> Written {
 }
 
 /// Returns the command with another number of values in a sample. Values are averaged or repeated.
-fn regrouped(drive: &Drive, values: usize) -> Channels {
+pub(super) fn regrouped(drive: &Drive, values: usize) -> Channels {
     let one = |u: &Vec<f64>| -> Vec<f64> {
         let samples = u.len() / drive.parts;
         // In units of a sample, value j lasts from j / values to (j + 1) / values.

@@ -1,11 +1,14 @@
-//! The screen: one run for each effect, location and starting value shows how much of the gap its trace explains.
+//! The screen: one run for each effect, location and promising starting value shows how much of the gap its trace
+//! explains.
 
 use crate::effects::{Action, Effect, Range};
-use crate::fit::candidate::in_words;
+use crate::fit::candidate::{in_words, same};
 use crate::fit::problem::{Placed, dot, sum_of_squares};
 use crate::in_loop::bounds::Bounds;
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
+use crate::in_loop::search::Search;
+use crate::in_loop::stand_in::StandIn;
 use crate::search::rules::Scope;
 
 /// An effect at a location and with a size that the screen found.
@@ -29,46 +32,52 @@ fn possible(effect: &dyn Effect, placed: &Placed, problem: &Problem) -> bool {
         && actions.iter().all(|action| !matches!(action, Action::Plant(_) | Action::Stiffness(_) | Action::Noise))
 }
 
-/// Screens all effects in the presence of an explanation within bounds on the runs. The entries are sorted by their
-/// gain, the largest first, and hold every starting value of each effect at each location. `problem` holds the records
-/// that are screened.
-pub(super) fn screen<'a>(
-    problem: &Problem<'a>,
-    runs: &mut Runs,
-    effects: &[&'a dyn Effect],
-    beside: &Fit<'a>,
-    scope: &Scope,
-    bounds: Bounds,
-    say: &mut dyn FnMut(String),
-) -> Vec<Entry<'a>> {
-    let residual = problem.beyond_limits(&beside.residual[..problem.rows()]);
-    let mut entries: Vec<Entry> = Vec::new();
-    for (k, &effect) in effects.iter().enumerate() {
-        let mut all = starts(problem, effect, beside, scope);
-        let (left, by) = bounds.left(runs.spent(), problem.samples());
-        let cut = all.len() > left;
-        all.truncate(left);
-        let with = |placed: &Placed<'a>| {
-            (beside.effects.iter().cloned().chain([placed.clone()]).collect(), beside.eta.clone())
-        };
-        let asked: Vec<(Vec<Placed>, Vec<f64>)> = all.iter().map(with).collect();
-        for (placed, simulated) in all.into_iter().zip(problem.simulate_all(runs, &asked)) {
-            // An effect with which the simulator fails is left out.
-            let Ok(simulated) = simulated else { continue };
-            let trace = problem.beyond_limits(&problem.trace(&beside.simulated, &simulated));
-            entries.extend(entry(problem, placed, &residual, &trace));
+impl<'a> Search<'_, 'a> {
+    /// Screens all effects in the presence of an explanation within bounds on the runs. The entries are sorted by their
+    /// gain, the largest first, and hold the most promising starting values of each effect at each location. `problem`
+    /// holds the record that is screened.
+    pub(super) fn screen(
+        &self,
+        problem: &Problem<'a>,
+        runs: &mut Runs,
+        beside: &Fit<'a>,
+        bounds: Bounds,
+        say: &mut dyn FnMut(String),
+    ) -> Vec<Entry<'a>> {
+        let residual = problem.beyond_limits(&beside.residual[..problem.rows()]);
+        let affordable = bounds.left(runs.spent(), problem.samples()).0 > StandIn::RUNS;
+        let stand_in = if affordable { StandIn::about(problem, runs, beside) } else { None };
+        let mut entries: Vec<Entry> = Vec::new();
+        for (k, &effect) in self.effects.iter().enumerate() {
+            let mut all = starts(problem, effect, beside, &self.scope);
+            if let Some(stand_in) = &stand_in {
+                all = promising(problem, stand_in, all, &residual, self.settings.starts);
+            }
+            let (left, by) = bounds.left(runs.spent(), problem.samples());
+            let cut = all.len() > left;
+            all.truncate(left);
+            let with = |placed: &Placed<'a>| {
+                (beside.effects.iter().cloned().chain([placed.clone()]).collect(), beside.eta.clone())
+            };
+            let asked: Vec<(Vec<Placed>, Vec<f64>)> = all.iter().map(with).collect();
+            for (placed, simulated) in all.into_iter().zip(problem.simulate_all(runs, &asked)) {
+                // An effect with which the simulator fails is left out.
+                let Ok(simulated) = simulated else { continue };
+                let trace = problem.beyond_limits(&problem.trace(&beside.simulated, &simulated));
+                entries.extend(entry(problem, placed, &residual, &trace));
+            }
+            if cut {
+                say("no runs are left for the rest of the screen".into());
+                let mut names: Vec<&str> = self.effects[k..].iter().map(|effect| effect.name()).collect();
+                names.dedup();
+                runs.leave_out(by, format!("the screen of {}{}", names.join(", "), in_presence(problem, beside)));
+                break;
+            }
+            say(format!("screened {}, {} runs so far", effect.name(), runs.calls().runs));
         }
-        if cut {
-            say("no runs are left for the rest of the screen".into());
-            let mut names: Vec<&str> = effects[k..].iter().map(|effect| effect.name()).collect();
-            names.dedup();
-            runs.leave_out(by, format!("the screen of {}{}", names.join(", "), in_presence(problem, beside)));
-            break;
-        }
-        say(format!("screened {}, {} runs so far", effect.name(), runs.calls().runs));
+        entries.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        entries
     }
-    entries.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    entries
 }
 
 /// Returns the effects beside which others are screened, in words.
@@ -86,10 +95,32 @@ fn starts<'a>(problem: &Problem<'a>, effect: &'a dyn Effect, beside: &Fit<'a>, s
         sizes.into_iter().map(move |parameters| Placed { effect, place: place.clone(), parameters })
     };
     let may_stand = |placed: &Placed| {
-        let known = beside.effects.iter().any(|other| crate::fit::candidate::same(other, placed));
+        let known = beside.effects.iter().any(|other| same(other, placed));
         !known && scope.allows(placed) && possible(effect, placed, problem)
     };
     effect.places(&problem.setting).into_iter().flat_map(at).filter(may_stand).collect()
+}
+
+/// Returns the starting values that are run: at each location as many as `kept`, those whose trace by the stand-in
+/// explains most of the residual. Starting values of which the stand-in knows nothing are all run.
+fn promising<'a>(
+    problem: &Problem<'a>,
+    stand_in: &StandIn,
+    all: Vec<Placed<'a>>,
+    residual: &[f64],
+    kept: usize,
+) -> Vec<Placed<'a>> {
+    let gain = |placed: &Placed<'a>| {
+        let trace = problem.beyond_limits(&problem.whiten(&[stand_in.change(problem, placed)?]));
+        Some(entry(problem, placed.clone(), residual, &trace).map_or(0.0, |entry| entry.gain))
+    };
+    let gains: Vec<Option<f64>> = all.iter().map(gain).collect();
+    let better = |at: usize, than: f64| {
+        let rivals = all.iter().zip(&gains).enumerate().filter(|(k, (placed, _))| *k != at && same(placed, &all[at]));
+        rivals.filter(|(k, (_, gain))| gain.is_some_and(|gain| gain > than || gain == than && *k < at)).count()
+    };
+    let runs: Vec<bool> = (0..all.len()).map(|at| gains[at].is_none_or(|gain| better(at, gain) < kept)).collect();
+    all.into_iter().zip(runs).filter_map(|(placed, runs)| runs.then_some(placed)).collect()
 }
 
 /// Returns the entry of an effect with this trace, or `None` if the trace explains nothing.

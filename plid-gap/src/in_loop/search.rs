@@ -8,7 +8,7 @@ use crate::fit::problem::Placed;
 use crate::in_loop::judge::{Evidence, evidence, is_parameter};
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
-use crate::in_loop::screen::{Entry, screen};
+use crate::in_loop::screen::Entry;
 use crate::judge::gap;
 use crate::search::rules::Scope;
 use crate::settings::LoopSettings;
@@ -109,7 +109,7 @@ impl<'a> Search<'_, 'a> {
         let start = quick.on_head(beside, record);
         // Half of the runs are kept for the fits.
         let half = runs.bounds().half(runs.spent());
-        let entries = screen(&quick, runs, &self.effects, &start, &self.scope, half, say);
+        let entries = self.screen(&quick, runs, &start, half, say);
         let mut tried = self.tried(&quick, runs, &start, &entries, say);
         if !start.effects.is_empty() {
             let least = self.settings.doubtful * self.left(problem, &found.refit).min(1.0);

@@ -21,8 +21,8 @@ group! {
         /// the realisation, a singular value decomposition, grows with the cube of this number.
         model_states: usize = 200, "1", 0.0..=1e4;
         /// Number of samples of one record on which effects are screened: the loudest one in which the gap is smaller
-        /// than the output. The time of a run grows with it, and a screen takes a run for each starting value of each
-        /// effect at each location.
+        /// than the output. The time of a run grows with it, and a screen takes up to `starts` runs for each effect at
+        /// each location.
         screened_samples: usize = 8192, "samples", 64.0..=1e9;
         /// Number of entries of a screen that are run in three sizes, on the first samples of that record. A trace is
         /// only a first-order approximation, so the order of a screen is uncertain; this takes at most 72 runs.
@@ -39,8 +39,9 @@ group! {
         /// An effect is fitted to all records only if the gap that it leaves after those few steps is at most this many
         /// times the gap that the best one leaves. The factor allows for fits that have not converged.
         far: f64 = 4.0, "1", 1.0..=1e6;
-        /// Largest number of starting values of one effect at one location among the entries that are tried. Two allow
-        /// for a screen that ranks the better one second, and leave room for other effects.
+        /// Largest number of starting values of one effect at one location that are screened, as far as the
+        /// linearisation of the simulator can choose them, and that are tried. Two allow for a choice that ranks the
+        /// better one second, and leave room for other effects.
         starts: usize = 2, "1", 1.0..=100.0;
         /// Largest number of steps of a fit. Each step takes a run for every parameter and one for each damping that is
         /// tried, so this bounds the runs of a fit that converges slowly.
