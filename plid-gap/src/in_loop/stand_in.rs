@@ -180,3 +180,75 @@ fn response(equation: &DVector<f64>, pushed: &[Vec<f64>]) -> Vec<f64> {
     }
     y
 }
+
+#[cfg(test)]
+mod tests {
+    use plid_simulator::Checked;
+
+    use super::*;
+    use crate::case::levels::loudest;
+    use crate::case::split::split;
+    use crate::effects::{Library, Place};
+    use crate::in_loop::survey::{Survey, survey};
+    use crate::testing::arm::{Arm, NOMINAL, case, nothing};
+
+    /// For weak effects on a command, at a port and in a payload, the change that the stand-in foretells is that of
+    /// the nonlinear arm, which knows nothing of difference equations.
+    #[test]
+    fn the_change_by_a_weak_effect_is_foretold_without_a_run() {
+        let case = case(&NOMINAL, nothing, |u| u.to_vec(), |_| {});
+        let mut arm = Arm::new();
+        let mut simulator = Checked::new(&mut arm).unwrap();
+        let (records, _) = split(&case.records, &case.config.settings.case);
+        let loud = loudest(&records, case.config.settings.case.same_level).clone();
+        let Survey { setting, responses, .. } = survey(&mut simulator, &case.config, &records, &loud).unwrap();
+        let mut runs = Runs::new(simulator, responses);
+        let given = vec![runs.simulate(&setting, &[], &loud).unwrap()];
+        let problem = Problem::new(vec![loud], &given, setting, &[1e-3; 2], None);
+        let beside = problem.as_is(Vec::new(), Vec::new(), given);
+        let before = runs.calls().runs;
+        let stand_in = StandIn::about(&problem, &mut runs, &beside).unwrap();
+        assert_eq!(runs.calls().runs, before + StandIn::RUNS);
+        let library = Library::standard();
+        let effect = |name: &str| library.effects().find(|effect| effect.name() == name).unwrap();
+        let link = Place::Port(problem.setting.names.ports.iter().position(|port| port == "link").unwrap());
+        for (name, place, parameters) in [
+            ("actuator-gain", Place::Input(0), vec![1.02]),
+            ("actuator-lag", Place::Input(0), vec![30.0]),
+            ("cubic-stiffness", link.clone(), vec![0.5]),
+            ("coulomb-friction", link.clone(), vec![0.005, 0.2]),
+            ("added-damping", link.clone(), vec![0.01]),
+        ] {
+            let placed = Placed { effect: effect(name), place, parameters };
+            let foretold = stand_in.change(&problem, &placed).unwrap();
+            let with = problem.simulate(&mut runs, &[placed], &[]).unwrap();
+            let actual = difference(&with, &beside.simulated).remove(0);
+            for (foretold, actual) in foretold.iter().zip(&actual) {
+                let apart = rms(foretold.iter().zip(actual).map(|(f, a)| f - a).collect::<Vec<f64>>());
+                assert!(apart < 0.4 * rms(actual), "{name}: {}", apart / rms(actual));
+            }
+        }
+        let of_sensor = Placed { effect: effect("sensor-gain"), place: Place::Output(0), parameters: vec![1.1] };
+        assert!(stand_in.change(&problem, &of_sensor).is_none());
+    }
+
+    /// A response that is no linear function of the inputs has no difference equation.
+    #[test]
+    fn what_is_not_linear_has_no_equation() {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let pushed: Channels = vec![(0..400).map(|_| if rng.random() { 1.0 } else { -1.0 }).collect()];
+        let mut state = 0.0;
+        let linear: Vec<f64> = pushed[0]
+            .iter()
+            .map(|u| {
+                state = 0.9 * state + u;
+                state
+            })
+            .collect();
+        let found = equation(&linear, &pushed).unwrap();
+        let apart: Vec<f64> = response(&found, &pushed).iter().zip(&linear).map(|(a, b)| a - b).collect();
+        assert!(rms(apart) < 1e-6 * rms(&linear));
+        let other: Vec<f64> = (0..400).map(|k| pushed[0][k] * pushed[0][(k + 200) % 400]).collect();
+        assert!(equation(&other, &pushed).is_none());
+    }
+}
