@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use plid_data::config::{ConfigError, from_toml_checked, read_checked};
+use plid_testbed::effects::Families;
 use plid_testbed::gap::{Channels, Experiment, PlantKind};
 use plid_testbed::{INPUTS, OUTPUTS};
 use rand::RngExt;
@@ -83,6 +84,9 @@ pub struct Draw {
     pub beyond_limits: Span,
     /// The half of the effects outside the vocabulary from which outsiders are drawn, or all of them.
     pub outsiders: Outsiders,
+    /// The shapes of laws other than the vocabulary's own: fixed ones, those of one half of each family, or all of
+    /// them.
+    pub families: Families,
 }
 
 /// A number, or the ends between which one is drawn uniformly for each case.
@@ -139,6 +143,7 @@ impl Default for Draw {
             imperfections: Span::Value(0.0),
             beyond_limits: Span::Range([1.0, 1.5]),
             outsiders: Outsiders::default(),
+            families: Families::default(),
         }
     }
 }
@@ -295,6 +300,7 @@ mod tests {
             ("[draw]\nimperfections = [0.05, 0.02]\n", "line 5: imperfections: 0.05 to 0.02 does not rise"),
             ("[draw]\nleast = 0.4\n", "line 5: least: 0.4 is not"),
             ("[draw]\noutsiders = \"both\"\n", "unknown variant `both`"),
+            ("[draw]\nfamilies = \"both\"\n", "unknown variant `both`"),
             (
                 "outsiders = 1\n[draw]\nplants = [\"arm-loop\"]\noutsiders = \"reported\"\n",
                 "outsiders: none of the outsiders to draw makes sense",
@@ -347,6 +353,8 @@ mod tests {
             let config = TrialConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
             assert_eq!(config.name, name);
             assert!(4 * config.cases.none >= config.total(), "{name}");
+            // Their published seeds give the cases that they gave before.
+            assert_eq!(config.draw.families, Families::Fixed, "{name}");
         }
         let standard = TrialConfig::read(&folder.join("standard.toml")).unwrap();
         let singles = standard.cases.singles_per_effect * standard.effects().len();
@@ -357,9 +365,9 @@ mod tests {
         assert!((25..=40).contains(&plants.total()) && plants.draw.plants.iter().all(|plant| plant.has_axes()));
         let imperfect = TrialConfig::read(&folder.join("imperfect.toml")).unwrap();
         assert!(imperfect.total() >= 400 && imperfect.draw.plants.len() == 5 && imperfect.draw.experiments.len() > 1);
-        assert_eq!(imperfect.draw.outsiders, Outsiders::Reported);
+        assert_eq!((imperfect.draw.outsiders, imperfect.draw.families), (Outsiders::Reported, Families::Reported));
         let quick = TrialConfig::read(&folder.join("imperfect-quick.toml")).unwrap();
-        assert_eq!(quick.draw.outsiders, Outsiders::Development);
+        assert_eq!((quick.draw.outsiders, quick.draw.families), (Outsiders::Development, Families::Development));
         assert_eq!((quick.total(), quick.draw.imperfections), (30, imperfect.draw.imperfections));
     }
 }

@@ -158,6 +158,7 @@ fn specs(draw: &Draw, arms: &[(Arm, Vec<Kind>)], rng: &mut ChaCha12Rng) -> Vec<G
                 experiment: one_of(&draw.experiments, rng),
                 simulator,
                 length: draw.length,
+                families: draw.families,
                 // Drawn with the strengths of the effects.
                 imperfections: 0.0,
                 beyond_limits: 0.0,

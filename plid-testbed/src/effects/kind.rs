@@ -7,6 +7,7 @@ use rand_chacha::ChaCha12Rng;
 use serde_json::{Map, Value, json};
 
 use super::at::At;
+use super::family::{Families, Shape};
 use super::law::Law;
 use super::own::{Level, OWN, Truth};
 use crate::axes::Own;
@@ -110,7 +111,7 @@ impl On {
 }
 
 /// An effect as a draw of cases sees it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kind {
     /// Its name in configs, specs and labels; outsiders' begin with `x-`.
     pub name: &'static str,
@@ -125,6 +126,8 @@ pub struct Kind {
     pub parameters: &'static [&'static str],
     /// Other laws of the same physics, which differ in shape from the vocabulary's own equation.
     pub near_misses: &'static [&'static str],
+    /// The numbers of these laws' shapes that are drawn from families.
+    pub shapes: &'static [Shape],
     /// The least number of inputs of a case with it.
     pub least_inputs: usize,
     /// The least number of outputs of a case with it.
@@ -153,6 +156,8 @@ pub(crate) trait Described: Law {
     const PARAMETERS: &'static [&'static str] = &[];
     /// Its other laws, as a config's list names them.
     const NEAR_MISSES: &'static [&'static str] = &[];
+    /// The numbers of these laws' shapes, with the ranges from which they are drawn.
+    const SHAPES: &'static [Shape] = &[];
     /// The least numbers of channels: two for a pair.
     const LEAST_INPUTS: usize = if matches!(Self::AT, At::InputPair) { 2 } else { 1 };
     const LEAST_OUTPUTS: usize = if matches!(Self::AT, At::OutputPair) { 2 } else { 1 };
@@ -179,6 +184,8 @@ pub(crate) struct Draw<'a> {
     pub level: Level,
     /// A sign drawn at random.
     pub sign: f64,
+    /// The shapes that are drawn.
+    pub families: Families,
     /// Further random numbers.
     pub rng: &'a mut ChaCha12Rng,
 }
@@ -218,6 +225,7 @@ impl Entry {
             on: E::ON,
             parameters: E::PARAMETERS,
             near_misses: E::NEAR_MISSES,
+            shapes: E::SHAPES,
             least_inputs: E::LEAST_INPUTS,
             least_outputs: E::LEAST_OUTPUTS,
             imperfection: E::IMPERFECTION,
@@ -234,6 +242,7 @@ impl Entry {
             on: On::EVERY,
             parameters: truth.parameters(),
             near_misses: truth.near_misses(),
+            shapes: &[],
             least_inputs: 1,
             least_outputs: 1,
             imperfection: false,

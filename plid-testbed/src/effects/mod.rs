@@ -16,6 +16,7 @@ mod at;
 mod axis;
 pub(crate) mod chain;
 pub mod disturbance;
+mod family;
 mod kind;
 pub(crate) mod law;
 #[cfg(test)]
@@ -26,11 +27,13 @@ pub mod place;
 pub mod sensor;
 pub mod shapes;
 pub mod structure;
+mod written;
 
 use serde::{Deserialize, Serialize};
 
 pub use self::at::At;
 use self::chain::{Chain, Clock, Site};
+pub use self::family::{Families, Halves, Shape};
 use self::kind::Entry;
 pub(crate) use self::kind::{Described, Draw};
 pub use self::kind::{Family, Half, Kind, On};

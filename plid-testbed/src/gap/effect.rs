@@ -52,10 +52,12 @@ pub(crate) fn drawn(
         channel,
         level: signals.at(channel),
         sign,
+        families: spec.families,
         rng: &mut rng,
     });
-    for (key, value) in [("at", &at), ("law", &wanted.law)] {
-        keys.extend(value.as_deref().map(|text| (key.to_owned(), Value::from(text))));
+    let law = wanted.law.as_deref().map(|law| spec.families.shaped(law, entry.kind.shapes, &mut rng));
+    for (key, value) in [("at", at.map(Value::from)), ("law", law)] {
+        keys.extend(value.map(|value| (key.to_owned(), value)));
     }
     serde_json::from_value(Value::Object(keys)).map_err(|e| wrong(e.to_string()))
 }
@@ -116,7 +118,7 @@ fn random_place(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::kinds;
+    use crate::effects::{Families, Shape, kinds};
     use crate::gap::spec::PlantKind;
     use crate::gap::{config, excitation, plant, plants, with_effects};
 
@@ -124,8 +126,13 @@ mod tests {
     fn started(seed: u64, plant: PlantKind, kind: &Kind, at: Option<&str>, law: Option<&str>) -> Effect {
         let wanted =
             EffectSpec { kind: kind.name.to_owned(), at: at.map(str::to_owned), law: law.map(str::to_owned), gap: 0.1 };
+        of_family(seed, plant, &wanted, Families::Fixed)
+    }
+
+    /// Starts an effect with a shape of a family.
+    fn of_family(seed: u64, plant: PlantKind, wanted: &EffectSpec, families: Families) -> Effect {
         let effects = vec![wanted.clone()];
-        let spec = GapSpec { effects, plant, channels: plant.channels(), length: 0.1, ..GapSpec::default() };
+        let spec = GapSpec { effects, plant, channels: plant.channels(), length: 0.1, families, ..GapSpec::default() };
         let mut rng = stream(seed, Purpose::Draw, plant::PLANT);
         let layout = plants::layout(plant, &mut rng);
         let config = config(seed, &spec, &layout.rig);
@@ -133,7 +140,7 @@ mod tests {
         let plant = plant::drawn(&config, &spec, layout, &schedule, &mut rng);
         let held_out = schedule.last().unwrap();
         let signals = Signals::of(&plant.base, held_out.commands.view());
-        let effect = drawn(seed, 0, &wanted, &spec, &plant, &signals).unwrap();
+        let effect = drawn(seed, 0, wanted, &spec, &plant, &signals).unwrap();
         let config = with_effects(&config, std::slice::from_ref(&effect));
         config.check_for(plant.base.modes.len(), held_out.start).unwrap();
         effect
@@ -168,5 +175,74 @@ mod tests {
                 assert!(!near.own_equation(), "{near:?} is no near miss");
             }
         }
+    }
+
+    /// The numbers of each shape that some draws give to a near miss.
+    fn numbers(kind: &Kind, law: &str, families: Families) -> Vec<(&'static Shape, f64)> {
+        let plant = *PlantKind::ALL.iter().find(|plant| plant.takes(kind.name)).unwrap();
+        let (name, law) = (kind.name.to_owned(), law.to_owned());
+        let wanted = EffectSpec { kind: name, at: None, law: Some(law.clone()), gap: 0.1 };
+        let shapes: Vec<&Shape> = kind.shapes.iter().filter(|shape| shape.law == law).collect();
+        assert!(!shapes.is_empty(), "{}: {law} has a fixed shape", kind.name);
+        let drawn = (5..9).flat_map(|seed| {
+            let effect = of_family(seed, plant, &wanted, families);
+            assert!(!effect.own_equation(), "{effect:?} is no near miss");
+            let config = serde_json::to_value(&effect).unwrap();
+            shapes.iter().map(move |shape| (*shape, config["law"][shape.law][shape.number].as_f64().unwrap()))
+        });
+        drawn.collect()
+    }
+
+    /// Every law other than the vocabulary's own has a shape that is drawn, in development and in what is reported from
+    /// different intervals, and a label has it.
+    #[test]
+    fn shapes_are_drawn_from_the_half_that_is_named() {
+        let within =
+            |value: f64, intervals: &[[f64; 2]]| intervals.iter().any(|[low, high]| (*low..=*high).contains(&value));
+        for kind in kinds().into_iter().filter(|kind| kind.family.is_built_in()) {
+            for law in kind.near_misses {
+                let mut all: Vec<f64> = Vec::new();
+                for families in [Families::Development, Families::Reported, Families::All] {
+                    for (shape, value) in numbers(&kind, law, families) {
+                        let half = [shape.ranges.development, shape.ranges.reported].map(|half| within(value, half));
+                        let expected = match families {
+                            Families::Development => half == [true, false],
+                            Families::Reported => half == [false, true],
+                            _ => half[0] != half[1],
+                        };
+                        assert!(expected, "{}, {law}: {} is {value} with {families:?}", kind.name, shape.number);
+                        all.push(value);
+                    }
+                }
+                all.sort_by(f64::total_cmp);
+                all.dedup();
+                // No two of the first eight draws are alike; a draw from both halves may be one of these.
+                assert!(all.len() >= 8, "{}, {law}: {all:?}", kind.name);
+            }
+        }
+    }
+
+    /// What has no law of another name has a family too: the multiples of a hum, and the width of a random force.
+    #[test]
+    fn harmonics_and_widths_are_drawn_from_the_half_that_is_named() {
+        let drawn = |kind: &str, key: &str, families: Families| -> Vec<Value> {
+            let wanted = EffectSpec { kind: kind.to_owned(), at: None, law: None, gap: 0.1 };
+            let of = |seed| of_family(seed, PlantKind::Truss, &wanted, families);
+            (5..20).map(|seed| serde_json::to_value(of(seed)).unwrap()[key].take()).collect()
+        };
+        let multiples = |families: Families| -> Vec<u64> {
+            let all = drawn("mains-hum", "harmonics", families);
+            all.iter().flat_map(|all| all.as_array().unwrap()).map(|h| h["multiple"].as_u64().unwrap()).collect()
+        };
+        let (development, reported) = (multiples(Families::Development), multiples(Families::Reported));
+        assert!(development.iter().all(|multiple| !reported.contains(multiple)), "{development:?}, {reported:?}");
+        assert!(multiples(Families::Fixed).iter().all(|multiple| [2, 3, 5].contains(multiple)));
+        let widths = |families: Families| -> Vec<f64> {
+            let all = drawn("coloured-disturbance", "relative_width", families);
+            all.iter().map(|width| width.as_f64().unwrap()).collect()
+        };
+        assert!(widths(Families::Fixed).iter().all(|width| *width == 0.1));
+        assert!(widths(Families::Development).iter().all(|width| (0.07..=0.15).contains(width)));
+        assert!(widths(Families::Reported).iter().all(|width| *width < 0.06 || *width > 0.19));
     }
 }

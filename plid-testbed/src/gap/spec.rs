@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::GapError;
+use crate::effects::Families;
 use crate::{INPUTS, OUTPUTS};
 
 /// The specification of a case. Keys that are left out have the values of [`GapSpec::default`]: a truss with all its
@@ -39,11 +40,20 @@ pub struct GapSpec {
     /// it to `perturbed`, at most 3.
     #[serde(skip_serializing_if = "is_zero")]
     pub beyond_limits: f64,
+    /// The shapes of laws other than the vocabulary's own, of the harmonics of a hum and of the width of a random
+    /// force.
+    #[serde(skip_serializing_if = "is_fixed")]
+    pub families: Families,
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref)] // serde asks for a reference.
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde asks for a reference.
+fn is_fixed(families: &Families) -> bool {
+    *families == Families::Fixed
 }
 
 impl Default for GapSpec {
@@ -60,6 +70,7 @@ impl Default for GapSpec {
             length: 1.0,
             imperfections: 0.0,
             beyond_limits: 0.0,
+            families: Families::default(),
         }
     }
 }

@@ -94,6 +94,15 @@ fn memoryless_actuators() {
             }
         })
     });
+    check_commands(&dead("law = { asymmetric = { lower = 2.0 } }"), |_, u| {
+        at(0, u, |u| (u - 0.3).max(0.0) + (u + 0.6).min(0.0))
+    });
+    check_commands(&saturation("law = { clip = { rounding = 0.25 } }"), |_, u| {
+        at(1, u, |u| u / (1.0 + (u / 1.5).powi(4)).sqrt().sqrt())
+    });
+    check_commands(&saturation("law = { arctangent = { knee = 2.0 } }"), |_, u| {
+        at(1, u, |u| 1.5 * u.signum() * (2.0 / PI * (PI / 2.0 * (u / 1.5).powi(2)).atan()).sqrt())
+    });
     check_commands(&one("actuator-gain", "u3", "gain = 0.8"), |_, u| at(2, u, |u| 0.8 * u));
     check_commands(&one("actuator-crosstalk", "u1->u3", "share = -0.2"), |_, u| [u[0], u[1], u[2] - 0.2 * u[0]]);
     check_commands(&one("actuator-gain-drift", "u2", "rate_per_s = 0.5"), |k, u| {
@@ -207,6 +216,19 @@ fn sensors_sample_by_sample() {
         state = al * state + (1.0 - al) * y[0];
         [state, y[1], y[2]]
     });
+    let [mut first, mut second] = [0.0; 2];
+    let [slow, fast] = [1.25, 5.0].map(|pole: f64| (-2.0 * PI * pole * 400.0 / RATE).exp());
+    check_samples(&one("sensor-lag", "y1", "corner_hz = 400.0\nlaw = { two-poles = { ratio = 4.0 } }"), |_, y| {
+        first = slow * first + (1.0 - slow) * y[0];
+        second = fast * second + (1.0 - fast) * first;
+        [second, y[1], y[2]]
+    });
+    let settling = one("sensor-drift", "y3", "rate_v_per_s = 0.5\nlaw = { settling = { time_s = 0.2 } }");
+    check_samples(&settling, |k, y| at(2, y, |y| y + 0.1 * (1.0 - (-(k as f64) / RATE / 0.2).exp())));
+    let cut = one("sensor-quantisation", "y2", "step_v = 0.05\nlaw = { truncate = { carry = -0.2 } }");
+    check_samples(&cut, |_, y| at(1, y, |y| 0.05 * y.signum() * ((y / 0.05).abs() - 0.2).max(0.0).floor()));
+    let tanh = one("sensor-saturation", "y1", "limit_v = 0.5\nlaw = { tanh = { knee = 2.0 } }");
+    check_samples(&tanh, |_, y| at(0, y, |y| 0.5 * y.signum() * (y * y / 0.25).tanh().sqrt()));
     let mut last = 0.0_f64;
     check_samples(&one("x-sensor-rate-limit", "y2", "rate_v_per_s = 200.0"), |_, y| {
         last += (y[1] - last).signum() * (y[1] - last).abs().min(200.0 / RATE);
@@ -261,8 +283,14 @@ fn dropouts_repeat_the_last_good_value_and_come_at_their_rate() {
 
 #[test]
 fn added_noise_has_its_standard_deviation_and_is_white() {
-    for law in ["gaussian", "laplace"] {
-        let mut config = with(&one("sensor-noise", "y3", &format!("rms_v = 0.1\nlaw = '{law}'")));
+    // The fourth moment of independent parts is 3, and 3 more for each squared share that is Laplace's.
+    for (law, fourth_moment) in [
+        ("'gaussian'", 3.0),
+        ("'laplace'", 6.0),
+        ("{ laplace = { share = 0.5 } }", 3.75),
+        ("{ laplace = { share = 0.0 } }", 3.0),
+    ] {
+        let mut config = with(&one("sensor-noise", "y3", &format!("rms_v = 0.1\nlaw = {law}")));
         config.duration_s = 12.5;
         let run = simulate(&config).unwrap();
         let noise = &run.noise_free - &run.truth.discrete.simulate(run.commands.view());
@@ -270,8 +298,7 @@ fn added_noise_has_its_standard_deviation_and_is_white() {
         let product = e.iter().zip(e.iter().skip(1)).map(|(a, b)| a * b).sum::<f64>() / e.len() as f64;
         assert!((rms(e.to_vec()) / 0.1 - 1.0).abs() < 0.03 && (product / 0.01).abs() < 0.03, "{law}");
         let fourth = e.iter().map(|e| (e / 0.1).powi(4)).sum::<f64>() / e.len() as f64;
-        let expected = if law == "gaussian" { 3.0 } else { 6.0 };
-        assert!((fourth / expected - 1.0).abs() < 0.2, "{law}: kurtosis {fourth}");
+        assert!((fourth / fourth_moment - 1.0).abs() < 0.2, "{law}: kurtosis {fourth}");
         assert!(largest(noise.slice(ndarray::s![.., ..2])) < 1e-11);
     }
 }
@@ -294,6 +321,49 @@ fn check_physics(list: &str, bound: f64, change: impl FnOnce(&mut Vec<Mode>, &mu
 }
 
 type Inner = fn(f64, f64) -> f64;
+
+/// Shapes of families, at other numbers than the fixed ones.
+const DRAWN_FORCES: [(&str, &str, Inner); 9] = [
+    ("cubic-stiffness", "stiffness_per_v2 = 1e-3\nscale_v = 4.0\nlaw = { straightening = { bend = 0.5 } }", |d, _| {
+        -1e-3 * d * d * d / (1.0 + d * d / 4.0)
+    }),
+    ("cubic-stiffness", "stiffness_per_v2 = 1e-3\nscale_v = 4.0\nlaw = { power = { exponent = 1.5 } }", |d, _| {
+        -64e-3 * d.signum() * (d / 4.0).abs().powf(1.5)
+    }),
+    (
+        "quadratic-stiffness",
+        "stiffness_per_v = 2e-3\nlaw = { one-sided = { exponent = 1.5, other_side = 0.3 } }",
+        |d, _| if d > 0.0 { -2e-3 * d.powf(1.5) } else { -0.6e-3 * (-d).powf(1.5) },
+    ),
+    ("coulomb-friction", "friction_v = 0.05\ntransition_v_per_s = 500.0\nlaw = { root = { knee = 0.6 } }", |_, v| {
+        -0.05 * v / (v.abs().powf(1.2) + 500.0_f64.powf(1.2)).powf(1.0 / 1.2)
+    }),
+    (
+        "coulomb-friction",
+        "friction_v = 0.05\ntransition_v_per_s = 500.0\nlaw = { stribeck = { excess = 1.2, speed = 2.0 } }",
+        |_, v| -(0.05 + 0.06 * (-v * v / 1e6).exp()) * (v / 500.0).tanh(),
+    ),
+    ("clearance", "stiffness = 0.05\ngap_v = 2.0\nlaw = { asymmetric = { lower = 1.5 } }", |d, _| {
+        if d > 2.0 {
+            -0.05 * (d - 2.0)
+        } else if d < -3.0 {
+            -0.05 * (d + 3.0)
+        } else {
+            0.0
+        }
+    }),
+    ("clearance", "stiffness = 0.05\ngap_v = 3.0\nlaw = { rounded = { sharpness = 1.5 } }", |d, _| {
+        -0.025 * (2.0 * d + ((d - 3.0).powi(2) + 4.0).sqrt() - ((d + 3.0).powi(2) + 4.0).sqrt())
+    }),
+    ("quadratic-damping", "damping_s2_per_v = 1e-8\nlaw = { asymmetric = { other_way = 2.0 } }", |_, v| {
+        if v > 0.0 { -1e-8 * v * v } else { 2e-8 * v * v }
+    }),
+    (
+        "quadratic-damping",
+        "damping_s2_per_v = 1e-8\nscale_v_per_s = 2000.0\nlaw = { power = { exponent = 1.2 } }",
+        |_, v| -0.04 * v.signum() * (v / 2000.0).abs().powf(1.2),
+    ),
+];
 
 #[test]
 fn forces_at_a_strut() {
@@ -335,7 +405,7 @@ fn forces_at_a_strut() {
                 -0.04 * v.signum() * (v / 2000.0).abs().powf(1.7)
             }),
         ];
-    for (kind, parameters, force) in cases {
+    for (kind, parameters, force) in cases.into_iter().chain(DRAWN_FORCES) {
         check_physics(&one(kind, "u2", parameters), 2e-3, |_, physics| physics.force = Some((1, Box::new(force))));
     }
 }

@@ -3,6 +3,7 @@
 mod config;
 mod effects;
 mod experiment;
+mod families;
 mod gap;
 mod gap_axes;
 mod gap_imperfect;

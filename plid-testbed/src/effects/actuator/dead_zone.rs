@@ -5,9 +5,11 @@ use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::Shape;
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Gap;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -20,13 +22,14 @@ pub struct ActuatorDeadZone {
     /// delta, V; positive.
     pub width_v: f64,
     /// The curve.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: Gap,
 }
 
 impl Law for ActuatorDeadZone {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        positive("width_v", self.width_v)
+        positive("width_v", self.width_v)?;
+        self.law.check()
     }
 
     fn install(&self, _site: Site, chain: &mut Chain) {
@@ -57,6 +60,7 @@ impl Described for ActuatorDeadZone {
     const ON: &'static [On] = &[On::Structure, On::Command];
     const PARAMETERS: &'static [&'static str] = &["delta"];
     const NEAR_MISSES: &'static [&'static str] = &["rounded", "asymmetric"];
+    const SHAPES: &'static [Shape] = Gap::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(_draw: &mut Draw<'_>) -> Value {

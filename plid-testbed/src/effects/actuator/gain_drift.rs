@@ -6,9 +6,11 @@ use serde_json::{Value, json};
 use crate::INPUTS;
 use crate::config::finite;
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
+use crate::effects::family::Shape;
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Course;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -21,7 +23,7 @@ pub struct ActuatorGainDrift {
     /// r, 1/s; either sign.
     pub rate_per_s: f64,
     /// Its course in time.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: Course,
 }
 
@@ -37,7 +39,8 @@ impl ActuatorEffect for ActuatorGainDrift {
 
 impl Law for ActuatorGainDrift {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        finite("rate_per_s", self.rate_per_s)
+        finite("rate_per_s", self.rate_per_s)?;
+        self.law.check()
     }
 
     fn install(&self, _site: Site, chain: &mut Chain) {
@@ -67,6 +70,7 @@ impl Described for ActuatorGainDrift {
     const ON: &'static [On] = &[On::Structure, On::Command];
     const PARAMETERS: &'static [&'static str] = &["r"];
     const NEAR_MISSES: &'static [&'static str] = &["settling"];
+    const SHAPES: &'static [Shape] = Course::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {

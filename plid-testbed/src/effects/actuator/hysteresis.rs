@@ -6,9 +6,11 @@ use serde_json::{Value, json};
 use crate::INPUTS;
 use crate::config::positive;
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
+use crate::effects::family::Shape;
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Yielding;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -23,7 +25,7 @@ pub struct ActuatorHysteresis {
     /// uy, V; positive.
     pub yield_v: f64,
     /// The curve.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: Yielding,
 }
 
@@ -50,7 +52,8 @@ impl ActuatorEffect for Following {
 impl Law for ActuatorHysteresis {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
         positive("share", self.share)?;
-        positive("yield_v", self.yield_v)
+        positive("yield_v", self.yield_v)?;
+        self.law.check()
     }
 
     fn install(&self, _site: Site, chain: &mut Chain) {
@@ -81,6 +84,7 @@ impl Described for ActuatorHysteresis {
     const ON: &'static [On] = &[On::Structure];
     const PARAMETERS: &'static [&'static str] = &["alpha", "uy"];
     const NEAR_MISSES: &'static [&'static str] = &["dahl", "sharp"];
+    const SHAPES: &'static [Shape] = Yielding::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {

@@ -5,9 +5,11 @@ use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::Shape;
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Limit;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -20,17 +22,18 @@ pub struct ActuatorSaturation {
     /// a, V; positive.
     pub limit_v: f64,
     /// The curve.
-    #[serde(default = "tanh")]
+    #[serde(default = "tanh", with = "written")]
     pub law: Limit,
 }
 
 fn tanh() -> Limit {
-    Limit::Tanh
+    Limit::TANH
 }
 
 impl Law for ActuatorSaturation {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        positive("limit_v", self.limit_v)
+        positive("limit_v", self.limit_v)?;
+        self.law.check()
     }
 
     fn install(&self, _site: Site, chain: &mut Chain) {
@@ -51,7 +54,7 @@ impl Law for ActuatorSaturation {
     }
 
     fn own_equation(&self) -> bool {
-        self.law == Limit::Tanh
+        self.law == Limit::TANH
     }
 }
 
@@ -61,6 +64,7 @@ impl Described for ActuatorSaturation {
     const ON: &'static [On] = &[On::Structure, On::Command, On::Reference];
     const PARAMETERS: &'static [&'static str] = &["a"];
     const NEAR_MISSES: &'static [&'static str] = &["clip", "arctangent"];
+    const SHAPES: &'static [Shape] = Limit::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(_draw: &mut Draw<'_>) -> Value {

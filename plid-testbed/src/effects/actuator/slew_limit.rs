@@ -6,8 +6,10 @@ use serde_json::{Value, json};
 use crate::INPUTS;
 use crate::config::positive;
 use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -20,22 +22,34 @@ pub struct ActuatorSlewLimit {
     /// R, V/s; positive.
     pub rate_v_per_s: f64,
     /// How it follows.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: SlewLaw,
 }
 
 /// Ways to follow a voltage no faster than R.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SlewLaw {
     /// Moves at rate R until the target is reached.
     #[default]
     Hard,
-    /// du'/dt = R tanh((u - u') / e) with e = 0.1 V: slower near the target.
-    Soft,
+    /// du'/dt = R tanh((u - u') / e): slower near the target.
+    Soft {
+        /// e, V; positive.
+        within_v: f64,
+    },
 }
 
-const SOFT_V: f64 = 0.1;
+impl Laws for SlewLaw {
+    /// An amplifier whose input stage saturates slews while it is off by more than e. Commands have about 1 V RMS: with
+    /// the smallest e it is almost the hard limit, to which it tends, and with the largest it seldom slews fully.
+    const SHAPES: &'static [Shape] = &[Shape {
+        law: "soft",
+        number: "within_v",
+        fixed: 0.1,
+        ranges: Halves { development: &[[0.07, 0.15]], reported: &[[0.02, 0.05], [0.25, 0.5]] },
+    }];
+}
 
 struct Slewing {
     input: usize,
@@ -48,13 +62,13 @@ struct Slewing {
 fn remaining(law: SlewLaw, left: f64, rate: f64, t: f64) -> f64 {
     let size = match law {
         SlewLaw::Hard => (left.abs() - rate * t).max(0.0),
-        SlewLaw::Soft => {
+        SlewLaw::Soft { within_v: e } => {
             // With w = left / e: dw/dt = -tanh(w) R / e, so sinh(w) decays as exp(-R t / e). Far above 1, sinh is an
             // exponential.
-            let w = left.abs() / SOFT_V;
-            let steps = rate * t / SOFT_V;
+            let w = left.abs() / e;
+            let steps = rate * t / e;
             let end = if w - steps > 20.0 { w - steps } else { (log_sinh(w) - steps).exp().asinh() };
-            end * SOFT_V
+            end * e
         }
     };
     size * left.signum()
@@ -77,7 +91,7 @@ impl ActuatorEffect for Slewing {
                     ramp_s * (left + to_go(ramp_s)) / 2.0 / length_s
                 }
                 // Simpson's rule over twenty parts.
-                SlewLaw::Soft => {
+                SlewLaw::Soft { .. } => {
                     let part = |i: usize| to_go(length_s * i as f64 / 20.0);
                     let weight = |i: usize| if i == 0 || i == 20 { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
                     (0..=20).map(|i| weight(i) * part(i)).sum::<f64>() / 60.0
@@ -91,7 +105,11 @@ impl ActuatorEffect for Slewing {
 
 impl Law for ActuatorSlewLimit {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        positive("rate_v_per_s", self.rate_v_per_s)
+        positive("rate_v_per_s", self.rate_v_per_s)?;
+        match self.law {
+            SlewLaw::Hard => Ok(()),
+            SlewLaw::Soft { within_v } => positive("law.within_v", within_v),
+        }
     }
 
     fn install(&self, _site: Site, chain: &mut Chain) {
@@ -123,6 +141,7 @@ impl Described for ActuatorSlewLimit {
     const ON: &'static [On] = &[On::Structure, On::Command, On::Reference];
     const PARAMETERS: &'static [&'static str] = &["R"];
     const NEAR_MISSES: &'static [&'static str] = &["soft"];
+    const SHAPES: &'static [Shape] = SlewLaw::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(_draw: &mut Draw<'_>) -> Value {
@@ -136,14 +155,18 @@ mod tests {
 
     #[test]
     fn the_soft_law_agrees_with_a_fine_integration() {
-        for left in [0.01, 0.5, 5.0, 60.0] {
+        let within: [f64; 3] = [0.02, 0.1, 0.5];
+        for (left, e) in [0.01, 0.5, 5.0, 60.0].into_iter().flat_map(|left| within.map(|e| (left, e))) {
             let (rate, mut fine) = (2000.0, left);
             let h = 1e-8;
             for _ in 0..60_000 {
-                fine -= h * rate * (fine / SOFT_V).tanh();
+                fine -= h * rate * (fine / e).tanh();
             }
-            let closed = remaining(SlewLaw::Soft, left, rate, 6e-4);
+            let closed = remaining(SlewLaw::Soft { within_v: e }, left, rate, 6e-4);
             assert!((closed - fine).abs() < 1e-4 * left, "{left}: {closed} and {fine}");
+            let [soft, hard] =
+                [SlewLaw::Soft { within_v: 1e-9 }, SlewLaw::Hard].map(|law| remaining(law, left, rate, 6e-4));
+            assert!((soft - hard).abs() < 1e-7, "{left}: {soft} and {hard}");
         }
     }
 

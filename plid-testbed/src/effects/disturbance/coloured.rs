@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Disturbance, Site};
+use crate::effects::family::Halves;
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::{At, Described, Draw, Family, On};
@@ -99,6 +100,10 @@ impl Law for ColouredDisturbance {
     }
 }
 
+/// Relative widths from which is drawn, where a tenth is not the only one: from a rotor whose speed varies by some per
+/// cent to a flow that is broadly turbulent.
+const WIDTHS: Halves<[f64; 2]> = Halves { development: &[[0.07, 0.15]], reported: &[[0.03, 0.05], [0.2, 0.35]] };
+
 impl Described for ColouredDisturbance {
     const FAMILY: Family = Family::Disturbance;
     const AT: At = At::Disturbance;
@@ -107,7 +112,9 @@ impl Described for ColouredDisturbance {
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {
-        json!({ "rms_v": 0.1, "frequency_hz": draw.within(80.0..240.0) })
+        let frequency_hz = draw.within(80.0..240.0);
+        let relative_width = draw.families.number(&WIDTHS, draw.rng).unwrap_or_else(tenth);
+        json!({ "rms_v": 0.1, "frequency_hz": frequency_hz, "relative_width": relative_width })
     }
 }
 

@@ -7,10 +7,12 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::config::{finite, positive};
+use crate::config::{finite, not_negative, positive};
 use crate::effects::chain::{Chain, Disturbance, Site};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -28,19 +30,34 @@ pub struct NarrowbandDisturbance {
     #[serde(default)]
     pub phase_rad: f64,
     /// How steady it runs.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: NarrowbandLaw,
 }
 
 /// How steady a machine runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum NarrowbandLaw {
     /// A sine.
     #[default]
     Steady,
-    /// Its phase walks at random, one radian a second at one standard deviation.
-    Wandering,
+    /// Its phase walks at random.
+    Wandering {
+        /// Standard deviation of the phase after a second, rad; zero or more. It grows with the root of the time.
+        rad_per_root_s: f64,
+    },
+}
+
+impl Laws for NarrowbandLaw {
+    /// The line of such a machine is r^2 / (2 pi) Hz wide at half its power: from a hundredth of a hertz, of a motor
+    /// whose speed is controlled, to some hertz of a free one. Records of a structure last 2 to 8 s, so that the
+    /// narrowest are hardly wider than a steady line, which they are without the walk.
+    const SHAPES: &'static [Shape] = &[Shape {
+        law: "wandering",
+        number: "rad_per_root_s",
+        fixed: 1.0,
+        ranges: Halves { development: &[[0.7, 1.5]], reported: &[[0.25, 0.5], [2.5, 5.0]] },
+    }];
 }
 
 struct Machine {
@@ -53,9 +70,9 @@ struct Machine {
 impl Disturbance for Machine {
     fn force(&mut self, t_s: f64) -> f64 {
         let c = &self.config;
-        if c.law == NarrowbandLaw::Wandering {
+        if let NarrowbandLaw::Wandering { rad_per_root_s } = c.law {
             let draw: f64 = StandardNormal.sample(&mut self.rng);
-            self.walked += draw / self.sample_rate_hz.sqrt();
+            self.walked += rad_per_root_s * draw / self.sample_rate_hz.sqrt();
         }
         c.amplitude_v * (2.0 * PI * c.frequency_hz * t_s + c.phase_rad + self.walked).sin()
     }
@@ -65,7 +82,11 @@ impl Law for NarrowbandDisturbance {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
         positive("amplitude_v", self.amplitude_v)?;
         positive("frequency_hz", self.frequency_hz)?;
-        finite("phase_rad", self.phase_rad)
+        finite("phase_rad", self.phase_rad)?;
+        match self.law {
+            NarrowbandLaw::Steady => Ok(()),
+            NarrowbandLaw::Wandering { rad_per_root_s } => not_negative("law.rad_per_root_s", rad_per_root_s),
+        }
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
@@ -101,6 +122,7 @@ impl Described for NarrowbandDisturbance {
     const ON: &'static [On] = &[On::Structure];
     const PARAMETERS: &'static [&'static str] = &["a", "f", "phi"];
     const NEAR_MISSES: &'static [&'static str] = &["wandering"];
+    const SHAPES: &'static [Shape] = NarrowbandLaw::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {

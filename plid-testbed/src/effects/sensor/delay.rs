@@ -6,10 +6,12 @@ use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::config::positive;
+use crate::config::{not_negative, positive};
 use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -22,19 +24,35 @@ pub struct SensorDelay {
     /// tau, samples; positive, at most 1000.
     pub delay_samples: f64,
     /// The value between samples.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: SensorDelayLaw,
 }
 
 /// Values between samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SensorDelayLaw {
     /// That of the band-limited signal: linear phase.
     #[default]
     BandLimited,
-    /// On the line between two samples, which also smooths.
-    Interpolated,
+    /// By the filter (b + c / z) / (1 - p / z) that has the gain 1 and delays by the fraction tau of a sample at low
+    /// frequencies, with p = -a (1 - tau) / (1 + tau).
+    Interpolated {
+        /// a, from -1 to 1. At 0 values lie on the line between two samples, which also smooths; at 1 the filter is
+        /// J.-P. Thiran's all-pass filter (1971); below 0 it smooths and trails as a lag does.
+        all_pass: f64,
+    },
+}
+
+impl Laws for SensorDelayLaw {
+    /// Every filter of first order that delays by a fraction of a sample is one of these, and as long as -1 <= a <= 1,
+    /// none amplifies anything. At low frequencies all of them are the vocabulary's delay.
+    const SHAPES: &'static [Shape] = &[Shape {
+        law: "interpolated",
+        number: "all_pass",
+        fixed: 0.0,
+        ranges: Halves { development: &[[-0.15, 0.25]], reported: &[[-0.8, -0.4], [0.5, 1.0]] },
+    }];
 }
 
 /// Samples each side that give a band-limited value.
@@ -45,10 +63,16 @@ const BETA: f64 = 10.0;
 impl SensorEffect for SensorDelay {
     fn apply(&mut self, _clock: Clock, y: &mut Array2<f64>) {
         let whole = self.delay_samples.floor();
-        let taps = taps(self.law, self.delay_samples - whole);
+        let share = self.delay_samples - whole;
+        let (taps, pole) = match self.law {
+            SensorDelayLaw::BandLimited => (band_limited_taps(share), 0.0),
+            SensorDelayLaw::Interpolated { all_pass } => first_order(share, all_pass),
+        };
         let before = y.column(self.at.0).to_vec();
+        let mut last = 0.0;
         for (k, value) in y.column_mut(self.at.0).iter_mut().enumerate() {
-            *value = weighted(&before, k as i64 - whole as i64, &taps);
+            last = pole * last + weighted(&before, k as i64 - whole as i64, &taps);
+            *value = last;
         }
     }
 }
@@ -57,7 +81,7 @@ impl SensorEffect for SensorDelay {
 /// side; before and after the signal they are zero.
 pub(crate) fn band_limited(signal: &[f64], k: usize, delay: f64) -> f64 {
     let whole = delay.floor();
-    weighted(signal, k as i64 - whole as i64, &taps(SensorDelayLaw::BandLimited, delay - whole))
+    weighted(signal, k as i64 - whole as i64, &band_limited_taps(delay - whole))
 }
 
 /// The sum of the samples at `k` + offset, each times its weight.
@@ -69,10 +93,17 @@ fn weighted(signal: &[f64], k: i64, taps: &[(i64, f64)]) -> f64 {
     taps.iter().filter_map(term).sum()
 }
 
+/// Returns the weights of two samples and the pole of the filter of first order that delays by a share of a sample.
+fn first_order(share: f64, all_pass: f64) -> (Vec<(i64, f64)>, f64) {
+    let pole = -all_pass * (1.0 - share) / (1.0 + share);
+    let earlier = (1.0 - pole) * share - pole;
+    (vec![(0, 1.0 - pole - earlier), (-1, earlier)], pole)
+}
+
 /// Weights of the samples at k + offset that give the value at k - `share`.
-fn taps(law: SensorDelayLaw, share: f64) -> Vec<(i64, f64)> {
-    if law == SensorDelayLaw::Interpolated || share == 0.0 {
-        return vec![(0, 1.0 - share), (-1, share)];
+fn band_limited_taps(share: f64) -> Vec<(i64, f64)> {
+    if share == 0.0 {
+        return vec![(0, 1.0)];
     }
     let (half, unit) = (LOOK_AHEAD as i64, bessel_i0(BETA));
     (-half..half)
@@ -102,7 +133,11 @@ fn bessel_i0(x: f64) -> f64 {
 impl Law for SensorDelay {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
         positive("delay_samples", self.delay_samples)?;
-        positive("1000 - delay_samples", 1000.0 - self.delay_samples)
+        positive("1000 - delay_samples", 1000.0 - self.delay_samples)?;
+        match self.law {
+            SensorDelayLaw::BandLimited => Ok(()),
+            SensorDelayLaw::Interpolated { all_pass } => not_negative("1 - |law.all_pass|", 1.0 - all_pass.abs()),
+        }
     }
 
     fn install(&self, _site: Site, chain: &mut Chain) {
@@ -133,6 +168,7 @@ impl Described for SensorDelay {
     const ON: &'static [On] = &[On::Structure, On::Channels];
     const PARAMETERS: &'static [&'static str] = &["tau"];
     const NEAR_MISSES: &'static [&'static str] = &["interpolated"];
+    const SHAPES: &'static [Shape] = SensorDelayLaw::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(_draw: &mut Draw<'_>) -> Value {
@@ -159,5 +195,33 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// The gain and the delay in samples of a filter of the family at a frequency in cycles per sample.
+    fn response(delay_samples: f64, all_pass: f64, f: f64) -> (f64, f64) {
+        let law = SensorDelayLaw::Interpolated { all_pass };
+        let phase = |t: f64| 2.0 * PI * f * t;
+        // A cosine and a sine.
+        let mut y = Array2::from_shape_fn((3000, 2), |(k, part)| (phase(k as f64) - PI / 2.0 * part as f64).cos());
+        for at in [Output(0), Output(1)] {
+            SensorDelay { at, delay_samples, law }.apply(Clock { record: 0, start: 0, sample_rate_hz: 1.0 }, &mut y);
+        }
+        let (re, im) = (y[(2999, 0)], y[(2999, 1)]);
+        let late = (phase(2999.0) - im.atan2(re)).rem_euclid(2.0 * PI) / (2.0 * PI * f);
+        (re.hypot(im), late)
+    }
+
+    /// All of them are the vocabulary's delay at low frequencies, none amplifies, and one end passes everything.
+    #[test]
+    fn filters_of_first_order_delay_what_is_slow() {
+        for (tau, all_pass) in [0.3, 0.9, 2.6].into_iter().flat_map(|tau| [-0.8, 0.0, 0.5, 1.0].map(|a| (tau, a))) {
+            let (gain, late) = response(tau, all_pass, 0.003);
+            assert!((gain - 1.0).abs() < 1e-3 && (late - tau).abs() < 1e-3, "{tau}, {all_pass}: {gain}, {late}");
+            let gains = [0.1, 0.2, 0.3, 0.45].map(|f| response(tau, all_pass, f).0);
+            assert!(gains.iter().all(|gain| *gain < 1.0 + 1e-9), "{tau}, {all_pass}: {gains:?}");
+            assert!(all_pass < 1.0 || gains.iter().all(|gain| *gain > 1.0 - 1e-9), "{tau}: {gains:?}");
+        }
+        let (on_the_line, _) = response(0.5, 0.0, 0.3);
+        assert!((on_the_line - (0.3 * PI).cos()).abs() < 1e-9, "{on_the_line}");
     }
 }

@@ -5,9 +5,11 @@ use serde_json::{Value, json};
 
 use crate::config::finite;
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::Shape;
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
 use crate::effects::shapes::Course;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -20,13 +22,14 @@ pub struct SensorDrift {
     /// s, V/s; either sign.
     pub rate_v_per_s: f64,
     /// Its course in time.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: Course,
 }
 
 impl Law for SensorDrift {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        finite("rate_v_per_s", self.rate_v_per_s)
+        finite("rate_v_per_s", self.rate_v_per_s)?;
+        self.law.check()
     }
 
     fn install(&self, _site: Site, chain: &mut Chain) {
@@ -57,6 +60,7 @@ impl Described for SensorDrift {
     const ON: &'static [On] = &[On::Structure, On::Sensor];
     const PARAMETERS: &'static [&'static str] = &["s"];
     const NEAR_MISSES: &'static [&'static str] = &["settling"];
+    const SHAPES: &'static [Shape] = Course::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {

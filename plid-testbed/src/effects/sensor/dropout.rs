@@ -3,10 +3,12 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::config::{not_negative, positive};
+use crate::config::{finite, not_negative, positive};
 use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use ndarray::Array2;
@@ -22,19 +24,33 @@ pub struct SensorDropout {
     /// Mean rate of onsets, 1/sample; from 0 to 1.
     pub onsets_per_sample: f64,
     /// The reading during a dropout.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: DropoutLaw,
 }
 
 /// The reading of a line that fails.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum DropoutLaw {
     /// The last good value.
     #[default]
     Hold,
-    /// Half of it.
-    Half,
+    /// A share of it, by default a half.
+    Half {
+        /// The share; either sign.
+        share: f64,
+    },
+}
+
+impl Laws for DropoutLaw {
+    /// What is read while a line is open depends on what discharges it and how fast: nothing (a share of zero), or most
+    /// of the last good value. With a share of one it is held, as in the vocabulary's law.
+    const SHAPES: &'static [Shape] = &[Shape {
+        law: "half",
+        number: "share",
+        fixed: 0.5,
+        ranges: Halves { development: &[[0.4, 0.6]], reported: &[[0.0, 0.25], [0.75, 0.85]] },
+    }];
 }
 
 struct Dropping {
@@ -54,7 +70,10 @@ impl SensorEffect for Dropping {
             }
             if left > 0 {
                 left -= 1;
-                *value = if self.config.law == DropoutLaw::Hold { held } else { held / 2.0 };
+                *value = match self.config.law {
+                    DropoutLaw::Hold => held,
+                    DropoutLaw::Half { share } => held * share,
+                };
             } else {
                 good = *value;
             }
@@ -65,7 +84,11 @@ impl SensorEffect for Dropping {
 impl Law for SensorDropout {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
         positive("onsets_per_sample", self.onsets_per_sample)?;
-        not_negative("1 - onsets_per_sample", 1.0 - self.onsets_per_sample)
+        not_negative("1 - onsets_per_sample", 1.0 - self.onsets_per_sample)?;
+        match self.law {
+            DropoutLaw::Hold => Ok(()),
+            DropoutLaw::Half { share } => finite("law.share", share),
+        }
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
@@ -99,6 +122,7 @@ impl Described for SensorDropout {
     const ON: &'static [On] = &[On::Structure];
     const PARAMETERS: &'static [&'static str] = &["rate"];
     const NEAR_MISSES: &'static [&'static str] = &["half"];
+    const SHAPES: &'static [Shape] = DropoutLaw::SHAPES;
 
     fn start(_draw: &mut Draw<'_>) -> Value {
         json!({ "onsets_per_sample": 1e-3 })

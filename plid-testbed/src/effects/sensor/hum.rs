@@ -1,12 +1,16 @@
 //! Mains hum: a sine with harmonics, whose phase runs on through the records.
 
 use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 
+use rand::RngExt;
+use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::config::{finite, not_negative, positive};
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::Halves;
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
 use crate::effects::{At, Described, Draw, Family, On};
@@ -74,6 +78,31 @@ impl Law for MainsHum {
     fn parameters(&self) -> Vec<f64> {
         vec![self.amplitude_v, self.frequency_hz, self.phase_rad]
     }
+
+    fn own_equation(&self) -> bool {
+        self.harmonics.iter().all(|h| FIXED.iter().any(|(multiple, _)| h.multiple == *multiple))
+    }
+}
+
+/// Multiples of the frequency that are drawn as harmonics. Rectifiers make 5, 7, 11 and 13, transformers that saturate
+/// 3 and 9, and loads that differ between the two halves of a period the even ones.
+const MULTIPLES: Halves<u32> = Halves { development: &[2, 3, 5, 9], reported: &[4, 6, 7, 11, 13] };
+/// Usual amplitude of such a harmonic over that of the fundamental.
+const SHARE: Range<f64> = 0.1..0.3;
+/// Most harmonics that are drawn from these.
+const MOST: usize = 3;
+/// The harmonics where none are drawn, with their usual shares. The vocabulary has these multiples only.
+const FIXED: [(u32, f64); 3] = [(2, 0.1), (3, 0.3), (5, 0.15)];
+
+/// Returns the multiples of a hum's harmonics, each with its usual share.
+fn usual_harmonics(draw: &mut Draw<'_>) -> Vec<(u32, f64)> {
+    let mut multiples = draw.families.of(&MULTIPLES);
+    if multiples.is_empty() {
+        return FIXED.to_vec();
+    }
+    multiples.shuffle(draw.rng);
+    multiples.truncate(draw.rng.random_range(1..=MOST));
+    multiples.into_iter().map(|multiple| (multiple, draw.within(SHARE))).collect()
 }
 
 impl Described for MainsHum {
@@ -85,15 +114,28 @@ impl Described for MainsHum {
 
     fn start(draw: &mut Draw<'_>) -> Value {
         let frequency_hz = if draw.sign > 0.0 { 50.0 } else { 60.0 } + draw.within(-0.05..0.05);
-        let harmonics = [(2, 0.1), (3, 0.3), (5, 0.15)].map(|(multiple, share)| {
+        let harmonics = usual_harmonics(draw).into_iter().map(|(multiple, share)| {
             let amplitude_v = 0.03 * share * draw.within(0.5..1.5);
             json!({ "multiple": multiple, "amplitude_v": amplitude_v, "phase_rad": draw.within(0.0..TAU) })
         });
+        let harmonics: Vec<Value> = harmonics.collect();
         json!({
             "amplitude_v": 0.03,
             "frequency_hz": frequency_hz,
             "phase_rad": draw.within(0.0..TAU),
             "harmonics": harmonics,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_harmonic_is_in_both_halves_and_those_of_the_vocabulary_are_in_one() {
+        let Halves { development, reported } = MULTIPLES;
+        assert!(development.iter().all(|multiple| *multiple >= 2 && !reported.contains(multiple)));
+        assert!(FIXED.iter().all(|(multiple, _)| development.contains(multiple)));
     }
 }

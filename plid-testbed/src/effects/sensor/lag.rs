@@ -7,8 +7,10 @@ use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -21,31 +23,51 @@ pub struct SensorLag {
     /// fc, Hz; positive.
     pub corner_hz: f64,
     /// The filter.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: SensorLagLaw,
 }
 
 /// Filters of a slow sensor.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SensorLagLaw {
     /// One pole at fc.
     #[default]
     OnePole,
-    /// Two poles at 2 fc.
-    TwoPoles,
+    /// Two poles, at (1 + p) fc and (1 + 1 / p) fc. They lag as one does, to first order in the frequency.
+    TwoPoles {
+        /// p, their ratio; positive.
+        ratio: f64,
+    },
+}
+
+impl Laws for SensorLagLaw {
+    /// Two equal poles are a filter that was designed; two that are far apart are a sensor and its cable, each with a
+    /// lag of its own. The farther apart they are, the nearer they are to the vocabulary's one pole.
+    const SHAPES: &'static [Shape] = &[Shape {
+        law: "two-poles",
+        number: "ratio",
+        fixed: 1.0,
+        ranges: Halves { development: &[[1.0, 1.8]], reported: &[[2.8, 6.0]] },
+    }];
 }
 
 impl Law for SensorLag {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        positive("corner_hz", self.corner_hz)
+        positive("corner_hz", self.corner_hz)?;
+        match self.law {
+            SensorLagLaw::OnePole => Ok(()),
+            SensorLagLaw::TwoPoles { ratio } => positive("law.ratio", ratio),
+        }
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
-        let poles = if self.law == SensorLagLaw::TwoPoles { 2 } else { 1 };
-        // Two equal poles of twice the corner lag as one does, to first order in the frequency.
-        let al = (-2.0 * PI * f64::from(poles) * self.corner_hz / site.clock.sample_rate_hz).exp();
-        for _ in 0..poles {
+        let poles = match self.law {
+            SensorLagLaw::OnePole => vec![1.0],
+            SensorLagLaw::TwoPoles { ratio } => vec![1.0 + ratio, 1.0 + 1.0 / ratio],
+        };
+        for pole in poles {
+            let al = (-2.0 * PI * pole * self.corner_hz / site.clock.sample_rate_hz).exp();
             let mut state = 0.0;
             chain.change_output(self.at.0, move |y, _t| {
                 state = al * state + (1.0 - al) * y;
@@ -77,6 +99,7 @@ impl Described for SensorLag {
     const ON: &'static [On] = &[On::Structure, On::Channels];
     const PARAMETERS: &'static [&'static str] = &["fc"];
     const NEAR_MISSES: &'static [&'static str] = &["two-poles"];
+    const SHAPES: &'static [Shape] = SensorLagLaw::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(_draw: &mut Draw<'_>) -> Value {

@@ -3,10 +3,12 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::config::positive;
+use crate::config::{not_negative, positive};
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use rand_distr::{Distribution, StandardNormal};
@@ -20,24 +22,45 @@ pub struct SensorNoise {
     /// Standard deviation, V; positive.
     pub rms_v: f64,
     /// Its distribution.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: NoiseLaw,
 }
 
 /// Distributions of noise.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum NoiseLaw {
     /// Gaussian.
     #[default]
     Gaussian,
-    /// Laplace's, with heavier tails.
-    Laplace,
+    /// Laplace's, with heavier tails, for a share of the variance, and Gaussian for the rest.
+    Laplace {
+        /// The share, from zero to one.
+        share: f64,
+    },
+}
+
+impl Laws for NoiseLaw {
+    /// A sensor's own noise is Gaussian, and what switches nearby comes in bursts: either may prevail. Without the
+    /// share with heavy tails the noise is the vocabulary's.
+    const SHAPES: &'static [Shape] = &[Shape {
+        law: "laplace",
+        number: "share",
+        fixed: 1.0,
+        ranges: Halves { development: &[[0.8, 1.0]], reported: &[[0.35, 0.65]] },
+    }];
 }
 
 impl Law for SensorNoise {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        positive("rms_v", self.rms_v)
+        positive("rms_v", self.rms_v)?;
+        match self.law {
+            NoiseLaw::Gaussian => Ok(()),
+            NoiseLaw::Laplace { share } => {
+                not_negative("law.share", share)?;
+                not_negative("1 - law.share", 1.0 - share)
+            }
+        }
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
@@ -47,8 +70,12 @@ impl Law for SensorNoise {
             y + rms
                 * match law {
                     NoiseLaw::Gaussian => normal(),
-                    // Differences of two products of normal values are Laplace distributed, here with unit variance.
-                    NoiseLaw::Laplace => (normal() * normal() - normal() * normal()) / 2.0_f64.sqrt(),
+                    NoiseLaw::Laplace { share } => {
+                        // Differences of two products of normal values are Laplace distributed, here with unit
+                        // variance.
+                        let heavy = (normal() * normal() - normal() * normal()) / 2.0_f64.sqrt();
+                        if share < 1.0 { share.sqrt() * heavy + (1.0 - share).sqrt() * normal() } else { heavy }
+                    }
                 }
         });
     }
@@ -80,6 +107,7 @@ impl Described for SensorNoise {
     const ON: &'static [On] = &[On::Structure, On::Sensor];
     const PARAMETERS: &'static [&'static str] = &["std"];
     const NEAR_MISSES: &'static [&'static str] = &["laplace"];
+    const SHAPES: &'static [Shape] = NoiseLaw::SHAPES;
 
     fn start(_draw: &mut Draw<'_>) -> Value {
         json!({ "rms_v": 0.02 })

@@ -3,10 +3,12 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::config::positive;
+use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use ndarray::Array2;
@@ -20,31 +22,55 @@ pub struct SensorQuantisation {
     /// q, V; positive.
     pub step_v: f64,
     /// The rounding.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: QuantisationLaw,
 }
 
 /// Ways to round.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum QuantisationLaw {
     /// To the nearest code.
     #[default]
     Round,
-    /// Towards zero: bits that are cut off.
-    Truncate,
+    /// The code of k steps begins at k - c of them, in size. With c = 0 bits are cut off.
+    Truncate {
+        /// c; below one.
+        carry: f64,
+    },
+}
+
+impl Laws for QuantisationLaw {
+    /// Comparators switch where their offsets let them. With c = 1/2 values are rounded, which is the vocabulary's law;
+    /// below zero the code of zero is wider than two steps.
+    const SHAPES: &'static [Shape] = &[Shape {
+        law: "truncate",
+        number: "carry",
+        fixed: 0.0,
+        ranges: Halves { development: &[[-0.05, 0.12]], reported: &[[-0.3, -0.1], [0.2, 0.35]] },
+    }];
 }
 
 impl SensorEffect for SensorQuantisation {
     fn apply(&mut self, _clock: Clock, y: &mut Array2<f64>) {
-        let round = if self.law == QuantisationLaw::Round { f64::round } else { f64::trunc };
-        y.column_mut(self.at.0).mapv_inplace(|y| self.step_v * round(y / self.step_v));
+        let code = |steps: f64| match self.law {
+            QuantisationLaw::Round => steps.round(),
+            QuantisationLaw::Truncate { carry } => (steps.abs() + carry).max(0.0).trunc().copysign(steps),
+        };
+        y.column_mut(self.at.0).mapv_inplace(|y| self.step_v * code(y / self.step_v));
     }
 }
 
 impl Law for SensorQuantisation {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        positive("step_v", self.step_v)
+        positive("step_v", self.step_v)?;
+        match self.law {
+            QuantisationLaw::Round => Ok(()),
+            QuantisationLaw::Truncate { carry } => {
+                finite("law.carry", carry)?;
+                positive("1 - law.carry", 1.0 - carry)
+            }
+        }
     }
 
     fn install(&self, _site: Site, chain: &mut Chain) {
@@ -74,6 +100,7 @@ impl Described for SensorQuantisation {
     const ON: &'static [On] = &[On::Structure, On::Sensor];
     const PARAMETERS: &'static [&'static str] = &["q"];
     const NEAR_MISSES: &'static [&'static str] = &["truncate"];
+    const SHAPES: &'static [Shape] = QuantisationLaw::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(_draw: &mut Draw<'_>) -> Value {

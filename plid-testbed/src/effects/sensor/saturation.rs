@@ -5,9 +5,11 @@ use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::Shape;
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Output;
 use crate::effects::shapes::Limit;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -20,17 +22,18 @@ pub struct SensorSaturation {
     /// a, V; positive.
     pub limit_v: f64,
     /// The curve.
-    #[serde(default = "clip")]
+    #[serde(default = "clip", with = "written")]
     pub law: Limit,
 }
 
 fn clip() -> Limit {
-    Limit::Clip
+    Limit::CLIP
 }
 
 impl Law for SensorSaturation {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        positive("limit_v", self.limit_v)
+        positive("limit_v", self.limit_v)?;
+        self.law.check()
     }
 
     fn install(&self, _site: Site, chain: &mut Chain) {
@@ -51,7 +54,7 @@ impl Law for SensorSaturation {
     }
 
     fn own_equation(&self) -> bool {
-        self.law == Limit::Clip
+        self.law == Limit::CLIP
     }
 }
 
@@ -61,6 +64,7 @@ impl Described for SensorSaturation {
     const ON: &'static [On] = &[On::Structure];
     const PARAMETERS: &'static [&'static str] = &["a"];
     const NEAR_MISSES: &'static [&'static str] = &["tanh", "arctangent"];
+    const SHAPES: &'static [Shape] = Limit::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {

@@ -5,9 +5,11 @@ use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::Shape;
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Gap;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -22,14 +24,15 @@ pub struct Clearance {
     /// g, V; positive.
     pub gap_v: f64,
     /// The curve.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: Gap,
 }
 
 impl Law for Clearance {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
         finite("stiffness", self.stiffness)?;
-        positive("gap_v", self.gap_v)
+        positive("gap_v", self.gap_v)?;
+        self.law.check()
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
@@ -60,6 +63,7 @@ impl Described for Clearance {
     const ON: &'static [On] = &[On::Structure, On::Joint];
     const PARAMETERS: &'static [&'static str] = &["k", "g"];
     const NEAR_MISSES: &'static [&'static str] = &["rounded", "asymmetric"];
+    const SHAPES: &'static [Shape] = Gap::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {

@@ -5,8 +5,10 @@ use serde_json::{Value, json};
 
 use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -19,7 +21,7 @@ pub struct CubicStiffness {
     /// k, 1/V^2; positive hardens, negative softens.
     pub stiffness_per_v2: f64,
     /// The curve.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: CubicLaw,
     /// s of the laws other than the cubic, V.
     #[serde(default = "one_volt")]
@@ -27,16 +29,43 @@ pub struct CubicStiffness {
 }
 
 /// Curves of a hardening joint.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum CubicLaw {
     /// -k d^3
     #[default]
     Cubic,
-    /// -k s^3 |d / s|^2.5 with the sign of d
-    Power,
-    /// -k d^3 / (1 + (d / s)^2): cubic while small, then straight
-    Straightening,
+    /// -k s^3 |d / s|^p with the sign of d
+    Power {
+        /// p; positive.
+        exponent: f64,
+    },
+    /// -k d^3 / (1 + (d / (b s))^2): cubic while small, then straight
+    Straightening {
+        /// b; positive.
+        bend: f64,
+    },
+}
+
+impl Laws for CubicLaw {
+    /// Rounded surfaces that touch have Hertz's exponent of 3/2, rough ones more, up to two; beyond the cubic of a
+    /// joint that stretches lies the next odd power of a series. A joint becomes straight where its surfaces touch all
+    /// over: at a part of the usual motion (b s is `bend` times its RMS in drawn cases), or only at its peaks. With p =
+    /// 3, or a large b, both are the cubic.
+    const SHAPES: &'static [Shape] = &[
+        Shape {
+            law: "power",
+            number: "exponent",
+            fixed: 2.5,
+            ranges: Halves { development: &[[2.3, 2.7]], reported: &[[1.5, 2.0], [3.5, 5.0]] },
+        },
+        Shape {
+            law: "straightening",
+            number: "bend",
+            fixed: 1.0,
+            ranges: Halves { development: &[[0.7, 1.4]], reported: &[[0.3, 0.55], [1.8, 2.5]] },
+        },
+    ];
 }
 
 fn one_volt() -> f64 {
@@ -46,15 +75,20 @@ fn one_volt() -> f64 {
 impl Law for CubicStiffness {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
         finite("stiffness_per_v2", self.stiffness_per_v2)?;
-        positive("scale_v", self.scale_v)
+        positive("scale_v", self.scale_v)?;
+        match self.law {
+            CubicLaw::Cubic => Ok(()),
+            CubicLaw::Power { exponent } => positive("law.exponent", exponent),
+            CubicLaw::Straightening { bend } => positive("law.bend", bend),
+        }
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
         let (k, s, law) = (self.stiffness_per_v2, self.scale_v, self.law);
         chain.force_at(&site.truss.ports[self.at.0], move |d, _v| match law {
             CubicLaw::Cubic => -k * d.powi(3),
-            CubicLaw::Power => -k * s.powi(3) * (d / s).abs().powf(2.5) * d.signum(),
-            CubicLaw::Straightening => -k * d.powi(3) / (1.0 + (d / s).powi(2)),
+            CubicLaw::Power { exponent } => -k * s.powi(3) * (d / s).abs().powf(exponent) * d.signum(),
+            CubicLaw::Straightening { bend } => -k * d.powi(3) / (1.0 + (d / (bend * s)).powi(2)),
         });
     }
 
@@ -81,6 +115,7 @@ impl Described for CubicStiffness {
     const ON: &'static [On] = &[On::Structure, On::Joint];
     const PARAMETERS: &'static [&'static str] = &["k"];
     const NEAR_MISSES: &'static [&'static str] = &["power", "straightening"];
+    const SHAPES: &'static [Shape] = CubicLaw::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {

@@ -3,10 +3,12 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::config::{finite, positive};
+use crate::config::{finite, not_negative, positive};
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
@@ -31,26 +33,49 @@ pub struct IwanJoint {
     #[serde(default)]
     pub held: f64,
     /// The density of the sliders.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: SliderLaw,
 }
 
 /// The density of the sliders over the displacements at which they yield.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SliderLaw {
     /// A power up to the largest displacement.
     #[default]
     Power,
-    /// A third of the stiffness yields at the largest displacement alone (Segalman's beta is 1/2).
-    Kink,
+    /// A share of the stiffness yields at the largest displacement alone. It is b / (1 + b) of Segalman's beta b.
+    Kink {
+        /// The share, from zero to one.
+        share: f64,
+    },
+}
+
+impl Laws for SliderLaw {
+    /// Where the last part of a joint begins to slip, its stiffness falls at once: hardly where the bolts press evenly,
+    /// and by most of it where they press hard at one place. Without this share the joint is the vocabulary's.
+    const SHAPES: &'static [Shape] = &[Shape {
+        law: "kink",
+        number: "share",
+        fixed: 1.0 / 3.0,
+        ranges: Halves { development: &[[0.25, 0.42]], reported: &[[0.1, 0.18], [0.55, 0.8]] },
+    }];
+}
+
+impl SliderLaw {
+    /// Returns the share of the stiffness that yields at the largest displacement alone.
+    fn together(self) -> f64 {
+        match self {
+            Self::Power => 0.0,
+            Self::Kink { share } => share,
+        }
+    }
 }
 
 impl IwanJoint {
     /// Returns the force of the joint as it is loaded for the first time, an odd function of the displacement.
     fn first_loading(&self, d: f64) -> f64 {
-        let (chi, most) = (self.exponent, self.slip_v);
-        let together = if self.law == SliderLaw::Kink { 1.0 / 3.0 } else { 0.0 };
+        let (chi, most, together) = (self.exponent, self.slip_v, self.law.together());
         let x = (d.abs() / most).min(1.0);
         let spread = x - x.powf(2.0 + chi) / (2.0 + chi);
         d.signum() * self.stiffness * most * ((1.0 - together) * spread + together * x)
@@ -126,7 +151,9 @@ impl Law for IwanJoint {
         positive("stiffness", self.stiffness)?;
         positive("slip_v", self.slip_v)?;
         finite("held", self.held)?;
-        positive("exponent + 1", self.exponent + 1.0)
+        positive("exponent + 1", self.exponent + 1.0)?;
+        not_negative("law.share", self.law.together())?;
+        not_negative("1 - law.share", 1.0 - self.law.together())
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
@@ -160,6 +187,7 @@ impl Described for IwanJoint {
     /// The last one only where it is not zero.
     const PARAMETERS: &'static [&'static str] = &["k", "dm", "chi", "s"];
     const NEAR_MISSES: &'static [&'static str] = &["kink"];
+    const SHAPES: &'static [Shape] = SliderLaw::SHAPES;
 
     fn start(draw: &mut Draw<'_>) -> Value {
         let slip_v = draw.within(1.5..4.0) * draw.level.displacement;
@@ -177,12 +205,13 @@ mod tests {
     #[test]
     fn masing_s_rules_are_the_sliders_sum() {
         const SLIDERS: usize = 20_000;
-        for (exponent, law) in [(-0.6, SliderLaw::Power), (0.0, SliderLaw::Power), (-0.3, SliderLaw::Kink)] {
+        let kinks = [0.0, 0.1, 1.0 / 3.0, 0.8].map(|share| (-0.3, SliderLaw::Kink { share }));
+        for (exponent, law) in [(-0.6, SliderLaw::Power), (0.0, SliderLaw::Power)].into_iter().chain(kinks) {
             let joint = IwanJoint { at: Input(0), stiffness: 1.7, slip_v: 0.9, exponent, held: 0.0, law };
             let port = StrutPort { input: 0, force: Vec::new(), displacement: Vec::new(), velocity: Vec::new() };
             let now = Turn { d: 0.0, force: 0.0 };
             let mut remembering = Remembering { joint, port, turns: Vec::new(), now };
-            let together = if law == SliderLaw::Kink { 1.0 / 3.0 } else { 0.0 };
+            let together = law.together();
             let edge = |j: usize| (j as f64 / SLIDERS as f64).powf(3.0);
             let share = |j: usize| edge(j + 1).powf(1.0 + exponent) - edge(j).powf(1.0 + exponent);
             let mut sliders: Vec<(f64, f64, f64)> = (0..SLIDERS)

@@ -5,9 +5,11 @@ use serde_json::{Value, json};
 
 use crate::config::positive;
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
+use crate::effects::family::Shape;
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
 use crate::effects::shapes::Yielding;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
@@ -23,7 +25,7 @@ pub struct JointHysteresis {
     /// dy, V; positive.
     pub yield_v: f64,
     /// The curve.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: Yielding,
 }
 
@@ -47,7 +49,8 @@ impl StructureEffect for Slipping {
 impl Law for JointHysteresis {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
         positive("stiffness", self.stiffness)?;
-        positive("yield_v", self.yield_v)
+        positive("yield_v", self.yield_v)?;
+        self.law.check()
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
@@ -81,6 +84,7 @@ impl Described for JointHysteresis {
     const ON: &'static [On] = &[On::Structure, On::Joint];
     const PARAMETERS: &'static [&'static str] = &["k", "dy"];
     const NEAR_MISSES: &'static [&'static str] = &["dahl", "sharp"];
+    const SHAPES: &'static [Shape] = Yielding::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {

@@ -3,10 +3,12 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::config::positive;
+use crate::config::{not_negative, positive};
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -19,7 +21,7 @@ pub struct QuadraticDamping {
     /// c, s^2/V; positive.
     pub damping_s2_per_v: f64,
     /// The curve.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: DampingLaw,
     /// s of the power law, V/s.
     #[serde(default = "one_volt_a_second")]
@@ -27,16 +29,42 @@ pub struct QuadraticDamping {
 }
 
 /// Curves of damping that grows with speed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum DampingLaw {
     /// -c |v| v
     #[default]
     Quadratic,
-    /// -c s^2 |v / s|^1.7 with the sign of v
-    Power,
-    /// -c |v| v one way, half of it the other
-    Asymmetric,
+    /// -c s^2 |v / s|^p with the sign of v
+    Power {
+        /// p; positive.
+        exponent: f64,
+    },
+    /// -c |v| v where v is positive, and w times that elsewhere
+    Asymmetric {
+        /// w; zero or more.
+        other_way: f64,
+    },
+}
+
+impl Laws for DampingLaw {
+    /// Between a fluid that creeps (p = 1) and one that is thrown aside (p = 2) lie the flows in pipes and gaps; valves
+    /// that close with the flow go beyond. Shock absorbers brake one way several times as much as the other, and in
+    /// development it is always the same way. With p = 2, or w = 1, both are the vocabulary's law.
+    const SHAPES: &'static [Shape] = &[
+        Shape {
+            law: "power",
+            number: "exponent",
+            fixed: 1.7,
+            ranges: Halves { development: &[[1.5, 1.8]], reported: &[[1.15, 1.35], [2.3, 3.0]] },
+        },
+        Shape {
+            law: "asymmetric",
+            number: "other_way",
+            fixed: 0.5,
+            ranges: Halves { development: &[[0.4, 0.65]], reported: &[[0.1, 0.3], [1.5, 2.5]] },
+        },
+    ];
 }
 
 fn one_volt_a_second() -> f64 {
@@ -46,15 +74,20 @@ fn one_volt_a_second() -> f64 {
 impl Law for QuadraticDamping {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
         positive("damping_s2_per_v", self.damping_s2_per_v)?;
-        positive("scale_v_per_s", self.scale_v_per_s)
+        positive("scale_v_per_s", self.scale_v_per_s)?;
+        match self.law {
+            DampingLaw::Quadratic => Ok(()),
+            DampingLaw::Power { exponent } => positive("law.exponent", exponent),
+            DampingLaw::Asymmetric { other_way } => not_negative("law.other_way", other_way),
+        }
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
         let (c, s, law) = (self.damping_s2_per_v, self.scale_v_per_s, self.law);
         chain.force_at(&site.truss.ports[self.at.0], move |_d, v| match law {
             DampingLaw::Quadratic => -c * v.abs() * v,
-            DampingLaw::Power => -c * s * s * (v / s).abs().powf(1.7) * v.signum(),
-            DampingLaw::Asymmetric => -c * v.abs() * v * if v < 0.0 { 0.5 } else { 1.0 },
+            DampingLaw::Power { exponent } => -c * s * s * (v / s).abs().powf(exponent) * v.signum(),
+            DampingLaw::Asymmetric { other_way } => -c * v.abs() * v * if v < 0.0 { other_way } else { 1.0 },
         });
     }
 
@@ -81,6 +114,7 @@ impl Described for QuadraticDamping {
     const ON: &'static [On] = &[On::Structure, On::Axis];
     const PARAMETERS: &'static [&'static str] = &["c"];
     const NEAR_MISSES: &'static [&'static str] = &["power", "asymmetric"];
+    const SHAPES: &'static [Shape] = DampingLaw::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {

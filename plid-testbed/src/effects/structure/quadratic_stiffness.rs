@@ -3,10 +3,13 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::config::finite;
+use crate::config::{finite, positive};
 use crate::effects::chain::{Chain, Site};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::shapes::signed_power;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
@@ -19,31 +22,66 @@ pub struct QuadraticStiffness {
     /// k, 1/V; either sign.
     pub stiffness_per_v: f64,
     /// The curve.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: QuadraticLaw,
 }
 
 /// Curves of a joint that is stiffer one way.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum QuadraticLaw {
     /// -k d^2
     #[default]
     Quadratic,
-    /// -k d^2 where d is positive, and zero elsewhere
-    OneSided,
+    /// -k |d|^p (of d in V) where d is positive, and w times that elsewhere
+    OneSided {
+        /// p; at least one.
+        exponent: f64,
+        /// w; either sign.
+        other_side: f64,
+    },
+}
+
+impl Laws for QuadraticLaw {
+    /// Contact on one side follows Hertz's exponent of 3/2 between round surfaces, and larger ones where the touching
+    /// area grows faster, as of rough surfaces or a seal. The other side is seldom quite free: it has a part of the
+    /// curvature, or some of the opposite sign where a preload is released. With p = 2 and w = 1 it is the parabola.
+    const SHAPES: &'static [Shape] = &[
+        Shape {
+            law: "one-sided",
+            number: "exponent",
+            fixed: 2.0,
+            ranges: Halves { development: &[[1.85, 2.15]], reported: &[[1.4, 1.7], [2.4, 3.0]] },
+        },
+        Shape {
+            law: "one-sided",
+            number: "other_side",
+            fixed: 0.0,
+            ranges: Halves { development: &[[-0.05, 0.25]], reported: &[[-0.5, -0.15], [0.35, 0.6]] },
+        },
+    ];
 }
 
 impl Law for QuadraticStiffness {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        finite("stiffness_per_v", self.stiffness_per_v)
+        finite("stiffness_per_v", self.stiffness_per_v)?;
+        match self.law {
+            QuadraticLaw::Quadratic => Ok(()),
+            QuadraticLaw::OneSided { exponent, other_side } => {
+                positive("law.exponent", exponent)?;
+                finite("law.other_side", other_side)
+            }
+        }
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
         let (k, law) = (self.stiffness_per_v, self.law);
         chain.force_at(&site.truss.ports[self.at.0], move |d, _v| match law {
             QuadraticLaw::Quadratic => -k * d * d,
-            QuadraticLaw::OneSided => -k * d.max(0.0).powi(2),
+            QuadraticLaw::OneSided { exponent, other_side } => {
+                let share = if d > 0.0 { 1.0 } else { other_side };
+                -k * share * (d.abs() * signed_power(d.abs(), 1.0, exponent - 1.0))
+            }
         });
     }
 
@@ -70,6 +108,7 @@ impl Described for QuadraticStiffness {
     const ON: &'static [On] = &[On::Structure];
     const PARAMETERS: &'static [&'static str] = &["k"];
     const NEAR_MISSES: &'static [&'static str] = &["one-sided"];
+    const SHAPES: &'static [Shape] = QuadraticLaw::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {

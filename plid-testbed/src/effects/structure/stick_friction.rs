@@ -6,8 +6,10 @@ use serde_json::{Value, json};
 
 use crate::config::{not_negative, positive};
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
+use crate::effects::family::{Halves, Shape};
 use crate::effects::law::{Law, Limits};
 use crate::effects::place::Input;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
@@ -26,19 +28,33 @@ pub struct StickFriction {
     /// vs, V/s; positive.
     pub transition_v_per_s: f64,
     /// How the force falls from Fs to Fc.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: StickLaw,
 }
 
 /// Curves by which friction falls as a port begins to slide.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum StickLaw {
     /// exp(-(v / vs)^2)
     #[default]
     Gaussian,
-    /// 1 / (1 + (v / vs)^2)
-    Lorentzian,
+    /// (1 + (v / vs)^2 / p)^-p: Lorentz's curve at p = 1
+    Lorentzian {
+        /// p; positive.
+        exponent: f64,
+    },
+}
+
+impl Laws for StickLaw {
+    /// A film of oil carries more and more of the load as speed grows, in thick oil far beyond vs: the smaller p, the
+    /// longer the tail of the fall. As p grows, the curve tends to the vocabulary's exp(-(v / vs)^2).
+    const SHAPES: &'static [Shape] = &[Shape {
+        law: "lorentzian",
+        number: "exponent",
+        fixed: 1.0,
+        ranges: Halves { development: &[[0.8, 1.4]], reported: &[[0.4, 0.65], [2.0, 4.0]] },
+    }];
 }
 
 /// Moreau's time stepping with a force that is constant over a step: the one that stops the port at its end, or the
@@ -70,7 +86,7 @@ impl StickFriction {
         let square = (v / self.transition_v_per_s).powi(2);
         let share = match self.law {
             StickLaw::Gaussian => (-square).exp(),
-            StickLaw::Lorentzian => 1.0 / (1.0 + square),
+            StickLaw::Lorentzian { exponent } => 1.0 / (1.0 + square / exponent).powf(exponent),
         };
         self.slides_v + (self.holds_v - self.slides_v) * share
     }
@@ -80,7 +96,11 @@ impl Law for StickFriction {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
         positive("slides_v", self.slides_v)?;
         not_negative("holds_v - slides_v", self.holds_v - self.slides_v)?;
-        positive("transition_v_per_s", self.transition_v_per_s)
+        positive("transition_v_per_s", self.transition_v_per_s)?;
+        match self.law {
+            StickLaw::Gaussian => Ok(()),
+            StickLaw::Lorentzian { exponent } => positive("law.exponent", exponent),
+        }
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
@@ -114,10 +134,30 @@ impl Described for StickFriction {
     const ON: &'static [On] = &[On::Axis];
     const PARAMETERS: &'static [&'static str] = &["Fc", "Fs", "vs"];
     const NEAR_MISSES: &'static [&'static str] = &["lorentzian"];
+    const SHAPES: &'static [Shape] = StickLaw::SHAPES;
 
     fn start(draw: &mut Draw<'_>) -> Value {
         let holds_v = 0.05 * draw.within(1.1..1.6);
         let transition_v_per_s = draw.within(0.05..0.3) * draw.level.velocity;
         json!({ "slides_v": 0.05, "holds_v": holds_v, "transition_v_per_s": transition_v_per_s })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lorentz's curves end at that of Gauss, and the first of them is what it always was.
+    #[test]
+    fn a_large_exponent_is_the_vocabulary_s_own_law() {
+        let limit = |law: StickLaw, v: f64| {
+            StickFriction { at: Input(0), slides_v: 0.5, holds_v: 0.8, transition_v_per_s: 3.0, law }.limit(v)
+        };
+        for v in [0.0, -1.0, 2.0, 5.0, 30.0] {
+            let [gauss, near] = [StickLaw::Gaussian, StickLaw::Lorentzian { exponent: 1e9 }].map(|law| limit(law, v));
+            assert!((gauss - near).abs() < 1e-6, "{v}: {gauss} and {near}");
+            let lorentz = limit(StickLaw::Lorentzian { exponent: 1.0 }, v);
+            assert!((lorentz - (0.5 + 0.3 / (1.0 + v * v / 9.0))).abs() < 1e-12, "{v}: {lorentz}");
+        }
     }
 }

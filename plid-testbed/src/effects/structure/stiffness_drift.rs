@@ -5,8 +5,10 @@ use serde_json::{Value, json};
 
 use crate::config::finite;
 use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled};
+use crate::effects::family::Shape;
 use crate::effects::law::{Law, Limits};
 use crate::effects::shapes::Course;
+use crate::effects::written::{self, Laws};
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use crate::plant::{modal_force, mode_state};
@@ -18,7 +20,7 @@ pub struct StiffnessDrift {
     /// r, 1/s; either sign.
     pub rate_per_s: f64,
     /// Its course in time.
-    #[serde(default)]
+    #[serde(default, with = "written")]
     pub law: Course,
 }
 
@@ -44,6 +46,7 @@ impl Law for StiffnessDrift {
     fn check(&self, limits: &Limits) -> Result<(), TestbedError> {
         let (rate, end_s) = (self.rate_per_s, limits.end_s);
         finite("rate_per_s", rate)?;
+        self.law.check()?;
         if 1.0 + rate * self.law.at(end_s) <= 0.0 { Err(TestbedError::NoStiffness { rate, end_s }) } else { Ok(()) }
     }
 
@@ -76,6 +79,7 @@ impl Described for StiffnessDrift {
     const ON: &'static [On] = &[On::Structure];
     const PARAMETERS: &'static [&'static str] = &["r"];
     const NEAR_MISSES: &'static [&'static str] = &["settling"];
+    const SHAPES: &'static [Shape] = Course::SHAPES;
     const IMPERFECTION: bool = true;
 
     fn start(draw: &mut Draw<'_>) -> Value {
