@@ -1,5 +1,5 @@
-//! The ceiling of what a model without physics closes: the gap that the black box leaves on held-out records, beside that
-//! of plid's answer.
+//! The ceiling of what a model without physics closes: the gap that the black box leaves on held-out records, beside
+//! that of plid's answer.
 
 use std::collections::BTreeSet;
 
