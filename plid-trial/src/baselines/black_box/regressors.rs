@@ -138,7 +138,7 @@ fn motions(plant: &Plant, u: &[Vec<f64>]) -> Channels {
 /// Returns all regressors of a plant whose signals have these extents. A signal that is always zero has none.
 pub(super) fn all(plant: &Plant, extents: &[Extent]) -> Vec<Regressor> {
     let lively = |signal: &usize| extents[*signal].rms > 0.0;
-    let mut all = vec![Regressor { curve: Curve::One, of: 0, times: None }];
+    let mut all = [None, Some(Factor::Time)].map(|times| Regressor { curve: Curve::One, of: 0, times }).to_vec();
     for of in (0..extents.len()).filter(lively) {
         all.extend(CURVES.map(|curve| Regressor { curve, of, times: None }));
     }
@@ -193,6 +193,26 @@ mod tests {
         // The follower trails by half an RMS in either direction.
         assert_eq!(of(Curve::Play), [0.0, 1.0, -2.5, 2.0]);
         assert!(of(Curve::Sign).iter().zip([0.0, 1.0, -1.0, 1.0]).all(|(a, b): (&f64, f64)| (a - b).abs() < 0.01));
+    }
+
+    /// Once the input has ended, the velocity at an inferred port of a slow mode is the slope of the displacement. The
+    /// change of the input is the last signal.
+    #[test]
+    fn signals_are_in_their_order() {
+        let (sin, cos) = 0.1_f64.sin_cos();
+        let text = serde_json::json!({
+            "format": "state-space", "sample_rate_hz": 100.0, "inputs": ["u1"], "outputs": ["y1"],
+            "A": [[0.99 * cos, 0.99 * sin], [-0.99 * sin, 0.99 * cos]], "B": [[0.0], [1.0]], "C": [[1.0, 0.0]],
+            "D": [[0.0]],
+        });
+        let plant = Plant::new(&plid_model::Model::from_json(&text, "here").unwrap()).unwrap();
+        let u: Vec<f64> = (0..400).map(|k| if k < 200 { (0.05 * k as f64).sin() } else { 0.0 }).collect();
+        let found = signals(&plant, std::slice::from_ref(&u));
+        let [input, _, d, v, change] = found.as_slice() else { panic!("{} signals", found.len()) };
+        assert_eq!((input, change[7]), (&u, u[7] - u[6]));
+        let largest = v[201..].iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+        let off = (201..399).map(|k| (v[k] - 50.0 * (d[k + 1] - d[k - 1])).abs()).fold(0.0, f64::max);
+        assert!(largest > 0.0 && off < 0.01 * largest, "{off} {largest}");
     }
 
     #[test]
