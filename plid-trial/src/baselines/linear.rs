@@ -26,7 +26,7 @@ pub(super) fn refit(problem: &Problem, model: &Model) -> Linear {
     Linear { claim: claim(problem, &found), model: found.plant.to_model(model).to_json() }
 }
 
-/// A parameter of a mode that is significantly beyond the stated limits.
+/// A parameter of a mode that is beyond the stated limits.
 struct Beyond {
     mode: usize,
     part: usize,
@@ -47,12 +47,13 @@ fn claim(problem: &Problem, found: &Refit) -> Claim {
         let limit = bound * std / WIDER[part.min(2)];
         let sure = x.abs() / covariance[(index, index)].max(f64::MIN_POSITIVE).sqrt();
         let by = x - x.clamp(-limit, limit);
-        (by != 0.0 && sure > bound).then_some(Beyond { mode, part, index, by, sure })
+        (by != 0.0).then_some(Beyond { mode, part, index, by, sure })
     });
     let mut beyond: Vec<Beyond> = beyond.collect();
     beyond.sort_by(|a, b| b.sure.total_cmp(&a.sure));
     let candidates = explanations(problem, &beyond, &covariance, found.cost);
-    let Some(first) = beyond.first() else { return Claim { candidates, ..none() } };
+    let significant = beyond.first().filter(|first| first.sure > bound);
+    let Some(first) = significant else { return Claim { candidates, ..none() } };
     let Some(named) = named(problem, first) else {
         return Claim { verdict: "unknown".to_owned(), candidates, ..Claim::default() };
     };

@@ -190,14 +190,18 @@ impl Regression {
     }
 }
 
-/// Returns the best model, and then the best ones without each of its terms, every model once. Thresholds compare terms
-/// with the residual only, so that they may keep a term that a better model lacks; that model takes its place.
+/// Returns the best model, and then the best ones without each of its terms, every model once; a model without terms is
+/// followed by that of the best single term. Thresholds compare terms with the residual only, so that they may keep a
+/// term that a better model lacks; that model takes its place.
 fn alternatives(x: &DMatrix<f64>, y: &DVector<f64>) -> Vec<Regression> {
     let products = Products::new(x, y);
     let mut best = products.stlsq(|_| true);
     loop {
         let without = best.terms.iter().map(|(lacks, _)| products.stlsq(|j| j != *lacks));
         let mut others: Vec<Regression> = without.collect();
+        if best.terms.is_empty() {
+            others.extend(products.single());
+        }
         others.sort_by(|a, b| a.bic.total_cmp(&b.bic));
         match others.first() {
             Some(better) if better.bic < best.bic => best = better.clone(),
@@ -254,6 +258,13 @@ impl Products {
             }
         }
         best
+    }
+
+    /// Returns the model with the one term that explains most.
+    fn single(&self) -> Option<Regression> {
+        let best = (0..self.cross.len()).max_by(|a, b| self.cross[*a].abs().total_cmp(&self.cross[*b].abs()))?;
+        let terms = vec![(best, self.cross[best])];
+        Some(Regression { bic: self.bic(&terms), terms })
     }
 
     fn thresholded(&self, mut active: Vec<usize>, threshold: f64) -> Vec<(usize, f64)> {
@@ -466,6 +477,22 @@ mod tests {
         let probability = |j: usize| at_work(&weighed, &Named { effect: j.to_string(), ..Named::default() });
         assert!(probability(5) > 0.999, "{weighed:?}");
         assert!((0.05..0.95).contains(&probability(3)) && (0.05..0.95).contains(&probability(8)), "{weighed:?}");
+    }
+
+    /// What the best single regressor of a thousand rows of noise explains is worth less than the price of a term.
+    #[test]
+    fn nothing_is_no_certainty() {
+        let mut rng = ChaCha12Rng::seed_from_u64(3);
+        let mut x = DMatrix::from_fn(1000, 30, |_, _| rng.random_range(-1.0..1.0));
+        for mut column in x.column_iter_mut() {
+            let length = column.norm();
+            column /= length;
+        }
+        let noise = DVector::from_fn(1000, |_, _| rng.random_range(-1.0..1.0));
+        let models = alternatives(&x, &noise);
+        assert_eq!(models.iter().map(|model| model.terms.len()).collect::<Vec<_>>(), [0, 1]);
+        let weighed = schwarz(models.iter().map(|m| (m.bic, as_candidate(m))).collect());
+        assert!(weighed[0].probability.is_some_and(|p| (0.5..0.98).contains(&p)), "{weighed:?}");
     }
 
     fn as_candidate(model: &Regression) -> Candidate {
