@@ -7,6 +7,7 @@
 pub mod ablation;
 mod answer;
 pub mod baselines;
+pub mod ceiling;
 pub mod config;
 mod diagnose;
 mod draw;

@@ -245,10 +245,11 @@ fn lines_of(place: &Place, answered: &Answered) -> Result<Vec<Line>, TrialError>
     let path = folder.join("drawn.json");
     let drawn: DrawnCase = files::parse(&path, &files::read(&path)?)?;
     let line = |arm: Arm, without: &[String], names: Names| {
-        let (judged, covered) = match answered.failed {
+        let Verdicts { judged, covered, gap_black_box } = match answered.failed {
             Some(_) => {
                 let missing = || judge(&truth, without, &Claim::missing(), None);
-                ([missing(), missing(), missing(), missing()], BTreeMap::new())
+                let judged = [missing(), missing(), missing(), missing()];
+                Verdicts { judged, covered: BTreeMap::new(), gap_black_box: None }
             }
             None => judged(place, answered, &truth, without, names)?,
         };
@@ -264,6 +265,7 @@ fn lines_of(place: &Place, answered: &Answered) -> Result<Vec<Line>, TrialError>
             gap_as_given: truth.gap_sim,
             gap_floor: truth.gap_floor,
             gap_background: truth.gap_background,
+            gap_black_box,
             nuisances: truth.nuisances(),
             failed: answered.failed.clone(),
             covered,
@@ -285,14 +287,23 @@ struct Place<'p> {
     library: &'p Library,
 }
 
-/// Judges the answers of plid and of the baselines, and determines which parameters plid's intervals cover.
+/// What the answers to a case are worth.
+struct Verdicts {
+    judged: [Judged; 4],
+    /// The parameters that plid's intervals cover.
+    covered: BTreeMap<String, bool>,
+    /// The gap that the black box leaves.
+    gap_black_box: Option<f64>,
+}
+
+/// Judges the answers of plid and of the baselines.
 fn judged(
     place: &Place,
     answered: &Answered,
     truth: &Truth,
     without: &[String],
     names: Names,
-) -> Result<([Judged; 4], BTreeMap<String, bool>), TrialError> {
+) -> Result<Verdicts, TrialError> {
     let path = place.answer.join(names.diagnosis);
     let claim: Claim = files::parse(&path, &files::read(&path)?)?;
     let path = place.answer.join(BASELINES);
@@ -305,6 +316,7 @@ fn judged(
     // An answer that cannot be read back predicts nothing.
     let predictor = Predictor::read(&place.answer.join(names.simulation), place.library).ok();
     let mut gaps = [None; 4];
+    let mut gap_black_box = None;
     let mut covered = BTreeMap::new();
     if let Some(predictor) = predictor {
         let held_out = HeldOut::read(place.sealed, &predictor.model)?;
@@ -313,8 +325,9 @@ fn judged(
         gaps[1] = gaps[0];
         if let Some(fitted) = &baselines.fitted {
             let model = Model::read(&place.trial.join("cases").join(&place.case.case).join("sim.json"))?;
-            if let Ok([sparse, linear]) = fitted.predict(&model, &held_out.u, predictor.t0) {
-                (gaps[2], gaps[3]) = (held_out.gap(&sparse), held_out.gap(&linear));
+            if let Ok(predicted) = fitted.predict(&model, &held_out.u, predictor.t0) {
+                (gaps[2], gaps[3]) = (held_out.gap(&predicted.sparse), held_out.gap(&predicted.linear));
+                gap_black_box = predicted.black_box.and_then(|y| held_out.gap(&y));
             }
         }
         if let Ok(plant) = Plant::new(&predictor.model) {
@@ -327,8 +340,8 @@ fn judged(
         Some(fitted) => (&fitted.sparse.claim, &fitted.linear.claim),
         None => (&missing, &missing),
     };
-    let all = [judged(&claim, gaps[0]), judged(ranking, gaps[1]), judged(sparse, gaps[2]), judged(linear, gaps[3])];
-    Ok((all, covered))
+    let judged = [judged(&claim, gaps[0]), judged(ranking, gaps[1]), judged(sparse, gaps[2]), judged(linear, gaps[3])];
+    Ok(Verdicts { judged, covered, gap_black_box })
 }
 
 /// Returns the parameters of a single effect with the vocabulary's own equation, if it is named correctly with its

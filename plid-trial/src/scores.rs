@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::Serialize;
 
 use crate::baselines::chance;
+use crate::ceiling::{self, Ceiling};
 use crate::judge::{Asked, Judged};
 use crate::main_cause::{self, MainCause};
 use crate::plan::Arm;
@@ -39,6 +40,8 @@ pub struct Line {
     pub gap_floor: f64,
     /// The gap that imperfections and noise make without the main effects; `None` if the truth has no imperfections.
     pub gap_background: Option<f64>,
+    /// The gap that the black box leaves; `None` without a simulation as a model, or without an answer.
+    pub gap_black_box: Option<f64>,
     /// The nuisances of the case, by name.
     pub nuisances: BTreeMap<String, String>,
     /// The reason for a missing answer.
@@ -155,6 +158,8 @@ pub struct Scores {
     pub parts: BTreeMap<&'static str, Vec<Target>>,
     /// The scores on imperfect truths: all cases, then groups of them; empty if there are none.
     pub main_cause: Vec<MainCause>,
+    /// The gap that a black box leaves, beside that of plid's answer; empty if no case has both.
+    pub ceiling: Vec<Ceiling>,
     /// The expected scores of a guess.
     pub chance: Chance,
     /// The figures of all groups.
@@ -426,6 +431,7 @@ impl Scores {
             targets: main_cause.first().map_or_else(|| targets(&groups), main_cause::targets),
             parts: if main_cause.is_empty() { parts(&groups) } else { BTreeMap::new() },
             main_cause,
+            ceiling: ceiling::groups(&cases),
             chance,
             groups,
             cases,
@@ -512,6 +518,7 @@ mod tests {
             gap_as_given: gap,
             gap_floor: 0.01,
             gap_background: None,
+            gap_black_box: None,
             nuisances: BTreeMap::from([("ports".to_owned(), if own { "yes" } else { "no" }.to_owned())]),
             failed: None,
             covered: BTreeMap::from([("k".to_owned(), named)]),

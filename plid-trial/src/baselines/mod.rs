@@ -1,19 +1,22 @@
 //! Simpler methods that answer the same cases, for comparison with the diagnosis.
 
+pub mod black_box;
 pub mod chance;
 mod linear;
 mod ranking;
 mod sparse;
+mod weights;
 
 use plid_gap::case::Limits;
 use plid_gap::case::{Case, Channels};
 use plid_gap::effects::{Library, Setting};
-use plid_gap::research::{Known, Plant, prepare};
+use plid_gap::research::{Fineness, Known, Plant, prepare, simulate};
 use plid_gap::{GapError, Outcome};
 use plid_model::Model;
 use serde::{Deserialize, Serialize};
 
 use crate::judge::Claim;
+use black_box::BlackBox;
 use linear::Linear;
 use sparse::Sparse;
 
@@ -37,10 +40,26 @@ pub struct Fitted {
     pub sparse: Sparse,
     /// A linear refit almost without bounds.
     pub linear: Linear,
+    /// The black box, which names nothing; `None` in answers from before there was one.
+    #[serde(default)]
+    pub black_box: Option<BlackBox>,
+}
+
+/// The outputs that the fitted baselines predict.
+pub(crate) struct Predicted {
+    pub sparse: Channels,
+    pub linear: Channels,
+    pub black_box: Option<Channels>,
 }
 
 /// Factors by which the limits of a linear refit are wider than the stated ones: frequency, damping, shapes.
 const WIDER: [f64; 3] = [40.0, 10.0, 40.0];
+
+/// Returns the limits of a linear refit almost without bounds.
+fn wider(stated: &Limits) -> Limits {
+    let [frequency, damping, shape] = WIDER;
+    Limits { frequency: frequency * stated.frequency, damping: damping * stated.damping, shape: shape * stated.shape }
+}
 
 /// Answers a case with the baselines: with the vocabulary `library`, and a second time with a reduced one.
 pub(crate) fn answers(
@@ -63,21 +82,21 @@ pub(crate) fn answers(
 }
 
 fn fitted(case: &Case, model: &Model) -> Result<Fitted, GapError> {
-    let stated = &case.config.nuisance;
-    let [frequency, damping, shape] = WIDER;
-    let wide = Limits {
-        frequency: frequency * stated.frequency,
-        damping: damping * stated.damping,
-        shape: shape * stated.shape,
-    };
-    let ready = prepare(model, &case.records, &Known { limits: wide, ..Known::default() })?;
+    let ready = prepare(model, &case.records, &Known { limits: wider(&case.config.nuisance), ..Known::default() })?;
     let heads = ready.problem.head(ready.problem.settings.search.first_samples, &ready.noise);
-    Ok(Fitted { sparse: sparse::regress(&heads), linear: linear::refit(&heads, model) })
+    let linear = linear::refit(&heads, model);
+    let black_box = Some(black_box::learn(&ready, &linear.plant()?));
+    Ok(Fitted { sparse: sparse::regress(&heads), linear, black_box })
 }
 
 impl Fitted {
-    /// Simulates a new input from rest at `t0` with the sparse and the linear baseline.
-    pub(crate) fn predict(&self, model: &Model, u: &[Vec<f64>], t0: f64) -> Result<[Channels; 2], GapError> {
-        Ok([self.sparse.predict(&Plant::new(model)?, u, t0), self.linear.predict(u)?])
+    /// Simulates a new input from rest at `t0`.
+    pub(crate) fn predict(&self, model: &Model, u: &[Vec<f64>], t0: f64) -> Result<Predicted, GapError> {
+        let (given, refitted) = (Plant::new(model)?, self.linear.plant()?);
+        Ok(Predicted {
+            sparse: self.sparse.predict(&given, u, t0),
+            linear: simulate(&refitted, &[], u, 0.0, None, Fineness::FINE),
+            black_box: self.black_box.as_ref().map(|model| model.predict(&given, &refitted, u, t0)),
+        })
     }
 }

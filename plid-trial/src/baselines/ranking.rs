@@ -4,6 +4,7 @@
 use plid_gap::answer::schema::{Diagnosis, Explanation};
 use plid_gap::effects::{Library, Setting};
 
+use super::weights::{at_work, schwarz};
 use crate::judge::{Candidate, Claim, Named, Stated};
 
 pub(super) fn claim(diagnosis: &Diagnosis, rows: f64, library: &Library, setting: &Setting) -> Claim {
@@ -14,32 +15,17 @@ pub(super) fn claim(diagnosis: &Diagnosis, rows: f64, library: &Library, setting
         let count: usize = e.effects.iter().map(|located| parameters(&located.effect)).sum();
         Some(rows * misfit + count as f64 * rows.ln())
     };
-    let mut ranked: Vec<(f64, &Explanation)> =
-        diagnosis.candidates.iter().filter(|e| !e.unknown).filter_map(|e| Some((bic(e)?, e))).collect();
-    ranked.retain(|(bic, _)| bic.is_finite());
-    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let Some(least) = ranked.first().map(|(bic, _)| *bic) else { return Claim::missing() };
-    let all: f64 = ranked.iter().map(|(bic, _)| ((least - bic) / 2.0).exp()).sum();
     let name = |located: &plid_gap::answer::schema::Located| Named {
         effect: located.effect.clone(),
         location: located.location.clone(),
         ..Named::default()
     };
-    let candidates: Vec<Candidate> = ranked
-        .iter()
-        .map(|(bic, e)| Candidate {
-            effects: e.effects.iter().map(name).collect(),
-            unknown: false,
-            probability: Some(((least - bic) / 2.0).exp() / all),
-        })
-        .collect();
-    let at_work = |named: &Named| -> f64 {
-        let has =
-            |c: &&Candidate| c.effects.iter().any(|e| (&e.effect, &e.location) == (&named.effect, &named.location));
-        candidates.iter().filter(has).filter_map(|c| c.probability).sum()
-    };
-    let effects: Vec<Named> =
-        candidates[0].effects.iter().map(|named| Named { confidence: Some(at_work(named)), ..named.clone() }).collect();
+    let of = |e: &Explanation| Candidate { effects: e.effects.iter().map(name).collect(), ..Candidate::default() };
+    let known = diagnosis.candidates.iter().filter(|e| !e.unknown);
+    let candidates = schwarz(known.filter_map(|e| Some((bic(e)?, of(e)))).collect());
+    let Some(first) = candidates.first() else { return Claim::missing() };
+    let sure = |named: &Named| Named { confidence: Some(at_work(&candidates, named)), ..named.clone() };
+    let effects: Vec<Named> = first.effects.iter().map(sure).collect();
     let verdict = if effects.is_empty() { "none" } else { "effects" };
     Claim { verdict: verdict.to_owned(), effects, candidates, gap: Stated::default() }
 }

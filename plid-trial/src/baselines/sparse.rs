@@ -1,7 +1,7 @@
 //! Sparse regression as in SINDy: the residual of the simulation is regressed on the traces of monomials of each
 //! command, of the motion at each port and of each output, and terms below a threshold are dropped repeatedly (STLSQ).
-//! BIC selects the threshold. Both sides are whitened by the noise model of the diagnosis; without it, terms would be
-//! fitted to noise.
+//! BIC selects the threshold, and weighs the best model against the best ones without each of its terms. Both sides are
+//! whitened by the noise model of the diagnosis; without it, terms would be fitted to noise.
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::case::Channels;
@@ -9,13 +9,14 @@ use plid_gap::effects::{Action, Command, Drive, Force, Sensor, Setting};
 use plid_gap::research::{Fineness, Plant, Problem, simulate};
 use serde::{Deserialize, Serialize};
 
-use crate::judge::{Claim, Named};
+use super::weights::{at_work, schwarz};
+use crate::judge::{Candidate, Claim, Named};
 
 /// The answer, and the terms used for prediction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sparse {
-    /// The answer in the form of a diagnosis. It states no probability, so what it names counts as certain.
+    /// The answer in the form of a diagnosis.
     pub claim: Claim,
     /// The terms kept, largest first.
     pub terms: Vec<Kept>,
@@ -154,42 +155,125 @@ pub(super) fn regress(problem: &Problem) -> Sparse {
             traces.set_column(j, &(trace / length));
         }
     }
-    let chosen = stlsq(&traces, &left);
-    let mut kept: Vec<Kept> = chosen
-        .into_iter()
-        .filter(|(j, _)| lengths[*j] > 0.0)
-        .map(|(j, x)| Kept { term: terms[j], coefficient: x / lengths[j], share: x.abs() / left.norm() })
-        .collect();
-    kept.sort_by(|a, b| b.share.total_cmp(&a.share));
-    Sparse { claim: claim(&kept, setting), terms: kept }
+    let kept = |model: &Regression| -> Vec<Kept> {
+        let lively = model.terms.iter().filter(|(j, _)| lengths[*j] > 0.0);
+        let one = |(j, x): &(usize, f64)| Kept {
+            term: terms[*j],
+            coefficient: x / lengths[*j],
+            share: x.abs() / left.norm(),
+        };
+        let mut kept: Vec<Kept> = lively.map(one).collect();
+        kept.sort_by(|a, b| b.share.total_cmp(&a.share));
+        kept
+    };
+    let models = alternatives(&traces, &left);
+    let explained = models.iter().map(|model| (model.bic, explanation(&kept(model), setting))).collect();
+    let best = models.first().map(kept).unwrap_or_default();
+    Sparse { claim: claim(explanation(&best, setting), schwarz(explained)), terms: best }
 }
 
 fn run(plant: &Plant, actions: &[Action], u: &[Vec<f64>], t0: f64) -> Channels {
     simulate(plant, actions, u, t0, None, Fineness::COARSE)
 }
 
-/// Sequentially thresholded least squares on regressors of unit length. Returns the regressors kept, with their
-/// coefficients.
-fn stlsq(x: &DMatrix<f64>, y: &DVector<f64>) -> Vec<(usize, f64)> {
-    let rows = y.len() as f64;
-    let all = y.norm_squared();
-    let normal = x.tr_mul(x);
-    let cross = x.tr_mul(y);
-    let solve = |active: &[usize]| -> Option<DVector<f64>> {
-        let mut part = DMatrix::from_fn(active.len(), active.len(), |i, j| normal[(active[i], active[j])]);
-        (0..active.len()).for_each(|i| part[(i, i)] += RIDGE);
-        let right = DVector::from_fn(active.len(), |i, _| cross[active[i]]);
-        part.cholesky().map(|factor| factor.solve(&right))
-    };
-    let mut best: (f64, Vec<(usize, f64)>) = (rows * (all / rows).ln(), Vec::new());
-    for threshold in THRESHOLDS {
-        let mut active: Vec<usize> = (0..x.ncols()).collect();
+/// A model of the residual.
+#[derive(Debug, Clone, PartialEq)]
+struct Regression {
+    bic: f64,
+    /// The regressors kept, with their coefficients.
+    terms: Vec<(usize, f64)>,
+}
+
+impl Regression {
+    fn has_those_of(&self, other: &Self) -> bool {
+        self.terms.len() == other.terms.len() && self.terms.iter().zip(&other.terms).all(|(a, b)| a.0 == b.0)
+    }
+}
+
+/// Returns the best model, and then the best ones without each of its terms, every model once; a model without terms is
+/// followed by that of the best single term. Thresholds compare terms with the residual only, so that they may keep a
+/// term that a better model lacks; that model takes its place.
+fn alternatives(x: &DMatrix<f64>, y: &DVector<f64>) -> Vec<Regression> {
+    let products = Products::new(x, y);
+    let mut best = products.stlsq(|_| true);
+    loop {
+        let without = best.terms.iter().map(|(lacks, _)| products.stlsq(|j| j != *lacks));
+        let mut others: Vec<Regression> = without.collect();
+        if best.terms.is_empty() {
+            others.extend(products.single());
+        }
+        others.sort_by(|a, b| a.bic.total_cmp(&b.bic));
+        match others.first() {
+            Some(better) if better.bic < best.bic => best = better.clone(),
+            _ => {
+                others.insert(0, best);
+                others.dedup_by(|a, b| a.has_those_of(b));
+                return others;
+            }
+        }
+    }
+}
+
+/// The products of regressors of unit length with each other and with what they are to explain.
+struct Products {
+    rows: f64,
+    squares: f64,
+    normal: DMatrix<f64>,
+    cross: DVector<f64>,
+}
+
+impl Products {
+    fn new(x: &DMatrix<f64>, y: &DVector<f64>) -> Self {
+        let across = x.transpose();
+        Self { rows: y.len() as f64, squares: y.norm_squared(), normal: &across * x, cross: &across * y }
+    }
+
+    /// Returns the products of some regressors with each other, and those with what they explain.
+    fn of(&self, active: &[usize]) -> (DMatrix<f64>, DVector<f64>) {
+        let normal = DMatrix::from_fn(active.len(), active.len(), |i, j| self.normal[(active[i], active[j])]);
+        (normal, DVector::from_fn(active.len(), |i, _| self.cross[active[i]]))
+    }
+
+    fn solved(&self, active: &[usize]) -> Option<DVector<f64>> {
+        let (mut normal, cross) = self.of(active);
+        (0..active.len()).for_each(|i| normal[(i, i)] += RIDGE);
+        normal.cholesky().map(|factor| factor.solve(&cross))
+    }
+
+    fn bic(&self, terms: &[(usize, f64)]) -> f64 {
+        let (normal, cross) = self.of(&terms.iter().map(|(j, _)| *j).collect::<Vec<_>>());
+        let x = DVector::from_iterator(terms.len(), terms.iter().map(|(_, x)| *x));
+        let squares = (self.squares - 2.0 * x.dot(&cross) + x.dot(&(normal * &x))).max(f64::MIN_POSITIVE);
+        self.rows * (squares / self.rows).ln() + terms.len() as f64 * self.rows.ln()
+    }
+
+    /// Sequentially thresholded least squares on the regressors that are allowed: the best model over all thresholds.
+    fn stlsq(&self, allowed: impl Fn(usize) -> bool) -> Regression {
+        let mut best = Regression { bic: self.bic(&[]), terms: Vec::new() };
+        for threshold in THRESHOLDS {
+            let terms = self.thresholded((0..self.cross.len()).filter(|j| allowed(*j)).collect(), threshold);
+            let bic = self.bic(&terms);
+            if bic < best.bic {
+                best = Regression { bic, terms };
+            }
+        }
+        best
+    }
+
+    /// Returns the model with the one term that explains most.
+    fn single(&self) -> Option<Regression> {
+        let best = (0..self.cross.len()).max_by(|a, b| self.cross[*a].abs().total_cmp(&self.cross[*b].abs()))?;
+        let terms = vec![(best, self.cross[best])];
+        Some(Regression { bic: self.bic(&terms), terms })
+    }
+
+    fn thresholded(&self, mut active: Vec<usize>, threshold: f64) -> Vec<(usize, f64)> {
         let mut found = Vec::new();
         for _ in 0..ROUNDS {
-            let Some(coefficients) = solve(&active) else { break };
+            let Some(coefficients) = self.solved(&active) else { break };
             found = active.iter().copied().zip(coefficients.iter().copied()).collect();
-            let large: Vec<usize> =
-                found.iter().filter(|(_, c)| c.abs() >= threshold * all.sqrt()).map(|(j, _)| *j).collect();
+            let large = found.iter().filter(|(_, c)| c.abs() >= threshold * self.squares.sqrt()).map(|(j, _)| *j);
+            let large: Vec<usize> = large.collect();
             if large.len() == active.len() {
                 break;
             }
@@ -199,32 +283,29 @@ fn stlsq(x: &DMatrix<f64>, y: &DVector<f64>) -> Vec<(usize, f64)> {
                 break;
             }
         }
-        let explained: DVector<f64> = found.iter().fold(DVector::zeros(y.len()), |sum, (j, c)| sum + x.column(*j) * *c);
-        let squares = (y - explained).norm_squared();
-        let bic = rows * (squares / rows).ln() + found.len() as f64 * rows.ln();
-        if bic < best.0 {
-            best = (bic, found);
-        }
+        found
     }
-    best.1
 }
 
-fn claim(kept: &[Kept], setting: &Setting) -> Claim {
-    let named: Vec<Named> = kept
-        .iter()
-        .filter_map(|kept| {
-            let (effect, location) = kept.term.name(setting)?;
-            Some(Named { effect: effect.to_owned(), location, confidence: Some(1.0), ..Named::default() })
-        })
-        .collect();
-    let verdict = match kept.first() {
-        None => "none",
-        // What explains most has no name in the vocabulary.
-        Some(first) if first.term.name(setting).is_none() => "unknown",
-        Some(_) => "effects",
+/// Returns what a model says: its named terms, or something else if what explains most has no name in the vocabulary.
+fn explanation(kept: &[Kept], setting: &Setting) -> Candidate {
+    let unknown = kept.first().is_some_and(|first| first.term.name(setting).is_none());
+    let named = kept.iter().filter(|_| !unknown).filter_map(|kept| {
+        let (effect, location) = kept.term.name(setting)?;
+        Some(Named { effect: effect.to_owned(), location, ..Named::default() })
+    });
+    Candidate { effects: named.collect(), unknown, probability: None }
+}
+
+fn claim(best: Candidate, candidates: Vec<Candidate>) -> Claim {
+    let verdict = match (best.unknown, best.effects.is_empty()) {
+        (true, _) => "unknown",
+        (false, true) => "none",
+        (false, false) => "effects",
     };
-    let effects = if verdict == "effects" { named } else { Vec::new() };
-    Claim { verdict: verdict.to_owned(), effects, ..Claim::default() }
+    let sure = |named: Named| Named { confidence: Some(at_work(&candidates, &named)), ..named };
+    let effects = best.effects.into_iter().map(sure).collect();
+    Claim { verdict: verdict.to_owned(), effects, candidates, ..Claim::default() }
 }
 
 impl Sparse {
@@ -370,12 +451,53 @@ mod tests {
             column /= length;
         }
         let y = x.column(4) * 3.0 - x.column(17) * 1.0 + DVector::from_fn(4000, |_, _| rng.random_range(-0.01..0.01));
-        let kept = stlsq(&x, &y);
+        let kept = Products::new(&x, &y).stlsq(|_| true).terms;
         assert_eq!(kept.iter().map(|(j, _)| *j).collect::<Vec<_>>(), [4, 17]);
         assert!((kept[0].1 - 3.0).abs() < 0.1 && (kept[1].1 + 1.0).abs() < 0.1, "{kept:?}");
         // Of noise alone nothing is kept.
         let noise = DVector::from_fn(4000, |_, _| rng.random_range(-1.0..1.0));
-        assert_eq!(stlsq(&x, &noise), []);
+        assert_eq!(Products::new(&x, &noise).stlsq(|_| true).terms, []);
+    }
+
+    /// Of two regressors that nearly coincide either may be the one; of one that stands alone there is no doubt.
+    #[test]
+    fn a_term_with_a_twin_is_in_doubt() {
+        let mut rng = ChaCha12Rng::seed_from_u64(2);
+        let mut x = DMatrix::from_fn(4000, 10, |_, _| rng.random_range(-1.0..1.0));
+        let twin = x.column(3) + DVector::from_fn(4000, |_, _| rng.random_range(-1e-3..1e-3));
+        x.set_column(8, &twin);
+        for mut column in x.column_iter_mut() {
+            let length = column.norm();
+            column /= length;
+        }
+        let noise = DVector::from_fn(4000, |_, _| rng.random_range(-0.5..0.5));
+        let y = (x.column(3) + x.column(5)) * 60.0 + noise;
+        let models = alternatives(&x, &y);
+        let weighed = schwarz(models.iter().map(|m| (m.bic, as_candidate(m))).collect());
+        let probability = |j: usize| at_work(&weighed, &Named { effect: j.to_string(), ..Named::default() });
+        assert!(probability(5) > 0.999, "{weighed:?}");
+        assert!((0.05..0.95).contains(&probability(3)) && (0.05..0.95).contains(&probability(8)), "{weighed:?}");
+    }
+
+    /// What the best single regressor of a thousand rows of noise explains is worth less than the price of a term.
+    #[test]
+    fn nothing_is_no_certainty() {
+        let mut rng = ChaCha12Rng::seed_from_u64(3);
+        let mut x = DMatrix::from_fn(1000, 30, |_, _| rng.random_range(-1.0..1.0));
+        for mut column in x.column_iter_mut() {
+            let length = column.norm();
+            column /= length;
+        }
+        let noise = DVector::from_fn(1000, |_, _| rng.random_range(-1.0..1.0));
+        let models = alternatives(&x, &noise);
+        assert_eq!(models.iter().map(|model| model.terms.len()).collect::<Vec<_>>(), [0, 1]);
+        let weighed = schwarz(models.iter().map(|m| (m.bic, as_candidate(m))).collect());
+        assert!(weighed[0].probability.is_some_and(|p| (0.5..0.98).contains(&p)), "{weighed:?}");
+    }
+
+    fn as_candidate(model: &Regression) -> Candidate {
+        let named = |(j, _): &(usize, f64)| Named { effect: j.to_string(), ..Named::default() };
+        Candidate { effects: model.terms.iter().map(named).collect(), ..Candidate::default() }
     }
 
     #[test]

@@ -79,8 +79,7 @@ pub(super) fn first(report: Report, scores: &Scores) -> Report {
     report.heading("Power against strength").figure(
         svg,
         "Single effects. Above: exactly the true effect was named. Below: the first name was wrong but stated with a \
-         probability of 0.9 or more. Sparse regression and linear refit state no probability, so the effects that \
-         they name count as certain. The band is plid's 95 % interval (Clopper-Pearson).",
+         probability of 0.9 or more. The band is plid's 95 % interval (Clopper-Pearson).",
     )
 }
 
@@ -155,8 +154,8 @@ pub(crate) fn reliability(scores: &Scores) -> Option<String> {
         return Some(diagram(&of, "stated probability, %"));
     }
     let of = |who: usize| Some((ANSWERERS[who], &scores.totals(ALL, ALL, who)?.calibration, COLOURS[who]));
-    let both: Vec<_> = [1, 0].into_iter().filter_map(of).collect();
-    (!both.is_empty()).then(|| diagram(&both, "stated probability of the first explanation, %"))
+    let all: Vec<_> = (0..ANSWERERS.len()).rev().filter_map(of).collect();
+    (!all.is_empty()).then(|| diagram(&all, "stated probability of the first explanation, %"))
 }
 
 fn figures(calibration: &Calibration) -> String {

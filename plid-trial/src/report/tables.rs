@@ -68,7 +68,7 @@ fn parts(report: Report, scores: &Scores) -> Report {
 
 /// Adds all other tables.
 pub(super) fn all(report: Report, scores: &Scores) -> Report {
-    let report = answerers(report, scores);
+    let report = ceiling(answerers(report, scores), scores);
     let report = effects(report, scores);
     let report = outside(report, scores);
     let report = arms(report, scores);
@@ -91,14 +91,12 @@ fn answerers(report: Report, scores: &Scores) -> Report {
     let percent = |x: f64| Cell::fixed(100.0 * x, 0);
     let dash = || Cell::Number("–".to_owned());
     let guess = &scores.chance;
-    // Those that state no probability have no set.
-    const SET: &str = "own equation: in the 95 % set";
     let rows: [(&str, &str, &str, Reading, Cell); 9] = [
         ("own equation: exactly named", EQUATION, OWN, |t| t.exact, percent(guess.exact)),
         ("near miss: exactly named", EQUATION, NEAR, |t| t.exact, percent(guess.exact)),
         ("own equation: right family", EQUATION, OWN, |t| t.family, guess.family.map_or(dash(), percent)),
         ("own equation: right name and place", EQUATION, OWN, |t| t.located, dash()),
-        (SET, EQUATION, OWN, |t| t.in_set, dash()),
+        ("own equation: in the 95 % set", EQUATION, OWN, |t| t.in_set, dash()),
         ("false alarms on none", ARM, "none", |t| t.false_alarms, percent(guess.false_alarms)),
         ("confident and wrong, of all cases", ALL, ALL, |t| t.confident_wrong, percent(0.0)),
         ("outsiders kept open", ARM, "outsider", |t| t.kept_open, dash()),
@@ -109,8 +107,7 @@ fn answerers(report: Report, scores: &Scores) -> Report {
         if found.is_empty() {
             continue;
         }
-        let states = |t: &Totals| name != SET || t.calibration.of > 0;
-        let cells = found.iter().map(|(_, t)| if states(t) { cell(&read(t)) } else { dash() });
+        let cells = found.iter().map(|(_, t)| cell(&read(t)));
         table = table.row([name.into()].into_iter().chain(cells).chain([chance]));
     }
     let shrink = [
@@ -126,7 +123,41 @@ fn answerers(report: Report, scores: &Scores) -> Report {
         "BIC alone: the candidates that the diagnosis fitted, ranked by BIC without any test of adequacy; it predicts \
          with plid's simulation. Sparse regression: thresholded least squares on monomials of commands, outputs and \
          motions at the ports. Linear refit: all modes almost without bounds; it names the frequency or damping that \
-         went furthest beyond the stated limits. Chance: one of the 34 names with equal probability.",
+         went furthest beyond the stated limits. The probabilities of all three are Schwarz weights, exp(-BIC / 2). \
+         Chance: one of the 34 names with equal probability.",
+    )
+}
+
+/// Adds the gaps that a black box leaves, beside those of the answers.
+fn ceiling(report: Report, scores: &Scores) -> Report {
+    if scores.ceiling.is_empty() {
+        return report;
+    }
+    let mut table = Table::new("Median gaps of the held-out records, per cent.")
+        .column("cases", "")
+        .column("number", "")
+        .column("as given", "%")
+        .column("plid", "%")
+        .column("black box", "%")
+        .column("background", "%")
+        .column("plid leaves no more than the black box", "% of cases");
+    for group in &scores.ceiling {
+        let percent = |gap: Option<f64>| number(gap.map(|gap| 100.0 * gap), 2);
+        table = table.row([
+            group.is.as_str().into(),
+            group.cases.into(),
+            percent(group.as_given),
+            percent(group.diagnosis),
+            percent(group.black_box),
+            percent(group.background),
+            share(&group.diagnosis_is_closer),
+        ]);
+    }
+    report.heading("What a model without physics closes").table(table).paragraph(
+        "The black box is a Wiener-Hammerstein model of what the linear simulation leaves: curves of its commands, \
+         outputs and motions at the ports, through its resonances and the last samples into each output, chosen and \
+         regularised by a record that was not fitted. It names nothing. The background is what imperfections and noise \
+         cause without the main effects. Simulators that are given by their outputs alone have no black box.",
     )
 }
 

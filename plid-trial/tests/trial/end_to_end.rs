@@ -51,11 +51,24 @@ fn three_cases_from_the_draw_to_the_report() {
             assert!(judged.gap.is_some_and(|gap| gap > 0.9 * line.gap_floor), "{line:?}");
         }
     }
+    // The black box closes much of what both effects leave, and makes the third case no worse.
+    for line in &scored.cases {
+        let left = line.gap_black_box.unwrap();
+        let most = if line.truth == "none" { 1.05 } else { 0.5 };
+        assert!(left > 0.9 * line.gap_floor && left < most * line.gap_as_given, "{line:?}");
+    }
+    let ceiling = scored.ceiling.first().unwrap();
+    assert_eq!((ceiling.is.as_str(), ceiling.cases), ("effects of the vocabulary", 2));
+    // Every baseline states probabilities.
+    for judged in scored.cases.iter().flat_map(|line| &line.judged) {
+        assert!(judged.top.is_some_and(|(probability, _)| probability > 0.0 && probability <= 1.0), "{judged:?}");
+    }
     // Both effects are loud and the vocabulary's own, and nothing is missing in the third.
     let all = scored.totals("all", "all", 0).unwrap();
     assert_eq!((all.exact.hits, all.exact.of, all.located.hits), (2, 2, 2), "{:#?}", scored.cases);
     assert_eq!((all.false_alarms.hits, all.false_alarms.of), (0, 1));
     assert!(all.shrink_median.is_some_and(|shrink| shrink > 0.9));
     assert!(fs::read_to_string(at("out/report.html")).unwrap().contains("Power against strength"));
+    assert!(fs::read_to_string(at("out/report.html")).unwrap().contains("What a model without physics closes"));
     assert!(fs::read_to_string(at("out/reliability.svg")).unwrap().contains("stated probability"));
 }
