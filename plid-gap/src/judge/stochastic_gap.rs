@@ -129,7 +129,7 @@ impl<'a> Explained<'a> {
 mod tests {
     use crate::case::record::rms;
     use crate::diagnose::diagnose;
-    use crate::effects::{Effect, Library};
+    use crate::effects::Library;
     use crate::judge::verdict::Verdict;
     use crate::testing;
 
@@ -151,10 +151,7 @@ mod tests {
                 }
                 testing::add_noise(&mut record.y, 900 + k as u64, &[noise * size[0], 0.0]);
             }
-            // Few rivals suffice here, and make a short search.
-            let rivals = ["sensor-saturation", "quadratic-stiffness", "actuator-lag"];
-            let is_left_out = |effect: &&dyn Effect| !effect.is_stochastic() && !rivals.contains(&effect.name());
-            case.config.exclude = library.effects().filter(is_left_out).map(|effect| effect.name().into()).collect();
+            testing::only(&mut case, &["sensor-saturation", "actuator-saturation", "actuator-lag"]);
             let diagnosis = diagnose(&case, &library, &mut |_| {}).unwrap().diagnosis;
             assert_eq!(diagnosis.verdict, verdict, "{noise} {product}: {}", diagnosis.sentence);
             if verdict == Verdict::Effects {

@@ -206,11 +206,15 @@ fn what_the_vocabulary_lacks_is_kept_open() {
     assert!(found.verdict == Verdict::Unknown || open >= 0.2, "{}", found.sentence);
 }
 
+/// The cause of [`cubic`], a law that resembles it, and one effect of each other kind.
+const RIVALS: [&str; 5] = ["cubic-stiffness", "quadratic-stiffness", "actuator-gain", "sensor-delay", "modal-frequency"];
+
 /// Units of the outputs, their order and the states' basis are the engineer's choice and say nothing of the cause.
 #[test]
 fn units_order_and_basis_change_nothing() {
     let (truth, _) = cubic(5, 0.06);
-    let plain = case(5, quiet(5), &truth);
+    let mut plain = case(5, quiet(5), &truth);
+    testing::only(&mut plain, &RIVALS);
     let first = diagnosed(&plain);
     let mut other = plain.clone();
     let model = other.model.as_mut().unwrap();
@@ -254,7 +258,9 @@ fn units_order_and_basis_change_nothing() {
 fn more_noise_does_not_raise_confidence() {
     let (truth, _) = cubic(6, 0.06);
     let confidence = |noise: f64| {
-        let found = diagnosed(&case(6, noise, &truth));
+        let mut case = case(6, noise, &truth);
+        testing::only(&mut case, &RIVALS);
+        let found = diagnosed(&case);
         found.effects.iter().find(|e| e.effect == "cubic-stiffness").map_or(0.0, |e| e.confidence)
     };
     let (clear, noisy) = (confidence(quiet(6)), confidence(30.0 * quiet(6)));

@@ -15,6 +15,7 @@ use rand_distr::StandardNormal;
 
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::case::{Case, CaseConfig};
+use crate::effects::Library;
 use crate::testing::truss::Truss;
 pub use crate::testing::truss::{RATE, Sensor, held};
 
@@ -89,6 +90,13 @@ pub fn case(sim: &Model, real: &Model) -> Case {
     let mut case = four_records(sim, &std, [1.0, 0.5, 1.0], input, measure);
     case.config.sim = Some("sim.json".into());
     case
+}
+
+/// Leaves only these effects to a search, and those that no free run shows. Few rivals make it short.
+pub fn only(case: &mut Case, effects: &[&str]) {
+    let library = Library::standard();
+    let others = library.effects().filter(|effect| !effect.is_stochastic() && !effects.contains(&effect.name()));
+    case.config.exclude = others.map(|effect| effect.name().into()).collect();
 }
 
 /// Adds white noise of these standard deviations to the outputs.
