@@ -70,6 +70,7 @@ fn fig5() {
 }
 
 #[test]
+#[ignore = "some ten seconds of several runs; `.ci/release` runs it"]
 fn fig6() {
     check(
         "fig6",
@@ -87,6 +88,7 @@ fn fig6() {
 }
 
 #[test]
+#[ignore = "some ten seconds of several runs; `.ci/release` runs it"]
 fn fig7() {
     check(
         "fig7",
@@ -104,6 +106,7 @@ fn fig7() {
 }
 
 #[test]
+#[ignore = "some ten seconds of several runs; `.ci/release` runs it"]
 fn fig8() {
     check(
         "fig8",
@@ -145,6 +148,7 @@ fn fig10() {
 }
 
 #[test]
+#[ignore = "some ten seconds of several runs; `.ci/release` runs it"]
 fn decibels() {
     check(
         "46db",
@@ -239,6 +243,7 @@ fn rate() {
 }
 
 #[test]
+#[ignore = "some ten seconds of several runs; `.ci/release` runs it"]
 fn drift() {
     check(
         "drift",

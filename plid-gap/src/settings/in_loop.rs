@@ -6,8 +6,8 @@ group! {
     /// The diagnosis with the engineer's own simulator in the loop.
     LoopSettings {
         /// Largest number of runs of the simulator, on one record each. The answer states whether the limit ended the
-        /// search early, and what was left out. The drawn MuJoCo cases took 246 runs in the median with one cause, and
-        /// up to 668 with two.
+        /// search early, and what was left out. The drawn MuJoCo cases took 223 runs in the median with one cause, and
+        /// up to 893 with two.
         calls: usize = 1000, "1", 10.0..=1e9;
         /// Longest time in the simulator, over all runs; parallel runs count once. It ends a search as
         /// `calls` does, but the answer then depends on the speed of the machine. The default, some thirty years, is

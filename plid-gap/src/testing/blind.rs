@@ -207,7 +207,8 @@ fn what_the_vocabulary_lacks_is_kept_open() {
 }
 
 /// The cause of [`cubic`], a law that resembles it, and one effect of each other kind.
-const RIVALS: [&str; 5] = ["cubic-stiffness", "quadratic-stiffness", "actuator-gain", "sensor-delay", "modal-frequency"];
+const RIVALS: [&str; 5] =
+    ["cubic-stiffness", "quadratic-stiffness", "actuator-gain", "sensor-delay", "modal-frequency"];
 
 /// Units of the outputs, their order and the states' basis are the engineer's choice and say nothing of the cause.
 #[test]

@@ -53,7 +53,9 @@ pub fn into(
     bar.finish();
     let scores = scores?;
     if voice.json {
-        let text = serde_json::json!({ "targets": scores.targets, "failures": scores.failures(), "report": out.join("report.html") });
+        let text = serde_json::json!({
+            "targets": scores.targets, "failures": scores.failures(), "report": out.join("report.html")
+        });
         return voice::print(&format!("{text:#}\n"));
     }
     if voice.quiet {
