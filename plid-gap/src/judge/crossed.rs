@@ -21,6 +21,28 @@ pub struct Stated {
     pub ci80: [f64; 2],
 }
 
+impl Stated {
+    /// Returns the gap to expect after records that no fit has seen were predicted by all fitted ones, and left this
+    /// gap. It takes the place of the gap stated before: that one comes from models of fewer records than the answer is
+    /// fitted to, so that it is too large where each record shows something of its own. The relative width of the
+    /// interval, the scatter from record to record, stays.
+    pub fn after(self, held_out: f64) -> Self {
+        let change = held_out / self.gap;
+        if !(change.is_finite() && change > 0.0) {
+            return self;
+        }
+        Self { gap: held_out, ci80: self.ci80.map(|end| change * end) }
+    }
+}
+
+/// Returns whether held-out records show what to expect of a record like the loudest fitted one: they are as loud, and
+/// together at least half as long.
+pub fn are_like(held_out: &[Record], loudest: &Record, same_level: f64) -> bool {
+    let as_loud = |record: &&Record| same_level * record.level() > loudest.level();
+    let samples: usize = held_out.iter().filter(as_loud).map(Record::samples).sum();
+    held_out.iter().all(|record| as_loud(&record)) && 2 * samples >= loudest.samples()
+}
+
 /// Returns the gap to expect on a record of a level, from the prediction of each fitted record by a model of the
 /// others. A record that is louder than all others is predicted part by part, from its other parts as well: what an
 /// effect does at that level cannot be told from the other records.

@@ -68,7 +68,11 @@ pub struct Gap {
     /// Its 95 % interval.
     #[serde(default)]
     pub share_of_ceiling_ci95: [f64; 2],
-    /// Predicted gap, stated before any held-out record was opened.
+    /// Gap with which each fitted record is predicted by the others, stated before any held-out record was opened.
+    #[serde(default)]
+    pub crossed_gap: f64,
+    /// Gap to expect on a further record like the last one at full level: that of the held-out records if they are like
+    /// it, or else `crossed_gap`.
     pub predicted_held_out_gap: f64,
     /// Its 80 % interval.
     #[serde(default)]
@@ -96,7 +100,8 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let problem = &ready.problem;
     let loudest = loudest(&problem.records, problem.settings.case.same_level);
     let noise = explained.noise_rms();
-    // The prediction from the fitted records is stated first.
+    // The prediction from the fitted records is stated first. The next record is expected to leave what held-out
+    // records like it leave.
     let masked = || vec![Vec::new(); problem.plant.p];
     let whitened = |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, masked());
     let stated = crossed::stated(problem, &explained.predicting(), loudest.level(), whitened);
@@ -124,6 +129,8 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let mut shrink_over = vec![over("bounded refit", &refit_blocks), over("free linear refit", &free_blocks)];
     shrink_over.extend(reference_blocks.as_ref().map(|blocks| over("reference effect", blocks)));
     let share = |gaps: [f64; 3]| share_of_ceiling(gaps, floor);
+    let shown = crossed::are_like(&ready.held_out, loudest, problem.settings.case.same_level);
+    let expected = if shown { stated.after(with_effect) } else { stated };
     Gap {
         as_given,
         refit: bounded,
@@ -138,8 +145,9 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
         shrink_over,
         share_of_ceiling: share([as_given, with_effect, ceiling_blocks.gap()]),
         share_of_ceiling_ci95: gap::drawn([&given, &with, &ceiling_blocks], share),
-        predicted_held_out_gap: stated.gap,
-        predicted_ci80: stated.ci80,
+        crossed_gap: stated.gap,
+        predicted_held_out_gap: expected.gap,
+        predicted_ci80: expected.ci80,
         measured_on: opened.iter().map(|r| r.name.clone()).collect(),
     }
 }

@@ -207,7 +207,8 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         ("gap after a linear refit without bounds", gap.free_refit),
         ("gap with all effects", gap.with_effect),
         ("gap of noise alone", gap.noise_floor),
-        ("predicted gap (before the held-out record was used)", gap.predicted_held_out_gap),
+        ("predicted gap (before the held-out record was used)", gap.crossed_gap),
+        ("gap to expect on a further record", gap.predicted_held_out_gap),
         ("shrink by a reference effect, minus that of the bounded refit", gap.placebo_shrink),
     ];
     for (name, value) in rows {

@@ -27,7 +27,7 @@ pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     if held_out(outcome) {
         sentences.push(format!(
             "Gap on {on}: {} predicted (before it was used), {} measured.",
-            percent(gap.predicted_held_out_gap),
+            percent(gap.crossed_gap),
             percent(gap.with_effect)
         ));
     }

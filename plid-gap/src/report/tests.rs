@@ -156,6 +156,7 @@ fn gap() -> Gap {
         shrink_over: vec![ShrinkOver { than: "bounded refit".into(), gap: 0.15, shrink: 0.88, ci95: [0.86, 0.9] }],
         share_of_ceiling: 0.99,
         share_of_ceiling_ci95: [0.97, 1.0],
+        crossed_gap: 0.021,
         predicted_held_out_gap: 0.021,
         predicted_ci80: [0.018, 0.025],
         measured_on: vec!["last.csv".into()],
