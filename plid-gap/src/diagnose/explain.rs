@@ -365,6 +365,9 @@ fn admit_error<'a>(explained: &mut Explained<'a>, scope: &Scope<'_, 'a>) -> Opti
     let spread = refit(&wide.problem, STEPS);
     let absorbed = linear_cause::fits(&wide.problem, &spread.as_fit(), &spread.jacobian, scope);
     with.extend(absorbed.into_iter().filter(|with| with.cost < spread.cost - scope.settings.absorbed_gain));
+    for model in [&refitted.as_fit(), &explained.found.best] {
+        with.extend(linear_cause::from_given(&explained.ready.problem, model, &refitted.jacobian, scope));
+    }
     let needed = with.iter().map(|with| explained.ready.needed(&with.eta, &refitted));
     scale = needed.fold(scale, f64::min);
     explained.ready.widen(scale);

@@ -12,7 +12,7 @@ use crate::audit::Audit;
 use crate::case::record::Record;
 use crate::effects::Observation;
 use crate::evidence::Evidence;
-use crate::fit::candidate::in_words;
+use crate::fit::candidate::{in_words, same};
 use crate::fit::free_run::{errors, run};
 use crate::fit::problem::Placed;
 use crate::judge::explained::Explained;
@@ -23,7 +23,7 @@ use crate::judge::separability::{Predicted, Rival, rivals};
 use crate::judge::settle_all::with_all;
 use crate::judge::side::places;
 use crate::judge::stochastic_gap::of_dropped;
-use crate::judge::verdict::Verdict;
+use crate::judge::verdict::{Verdict, Weighted};
 use crate::search::rules::Rules;
 use crate::search::stochastic::{Stochastic, wandering};
 use crate::settings::GapSettings;
@@ -76,10 +76,10 @@ impl<'f, 'a> Finding<'f, 'a> {
         let rivals = predicted.as_ref().map_or_else(Vec::new, |predicted| rivals(predicted, best, &found.candidates));
         let mut effects = self.named();
         let sentence = self.sentence(&effects, &rivals);
+        let mut candidates = self.candidates(&effects);
         if *verdict != Verdict::Effects {
             effects.clear();
         }
-        let mut candidates = self.candidates();
         // A delay that the audit removed is always named.
         let delay = self.delay.as_ref().filter(|_| *verdict != Verdict::Unknown);
         self.delay.iter().for_each(|delay| delay.explains(&mut candidates));
@@ -116,7 +116,7 @@ impl<'f, 'a> Finding<'f, 'a> {
 
     /// Returns the effects with their parameters, the largest part of the gap first. The largest effect is always
     /// named, and further ones only if they close a noticeable share and, in an imperfect simulation, if they are more
-    /// likely at work than not; the others remain among the candidates and in the prediction.
+    /// likely at work than not and close a material gap; the others remain in the prediction.
     fn named(&self) -> Vec<NamedEffect> {
         let Judgement { gaps, shares, shown, squared_gaps, weighted, .. } = &self.judged;
         let best = &self.explained.found.best.effects;
@@ -129,30 +129,44 @@ impl<'f, 'a> Finding<'f, 'a> {
         let sizes: Vec<f64> = shares.iter().map(|share| share.closed).chain(squared_gaps.iter().copied()).collect();
         let mut order: Vec<usize> = (0..named.len()).collect();
         order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
-        let mut sorted: Vec<NamedEffect> = order.into_iter().map(|k| named[k].clone()).collect();
+        let mut sorted: Vec<(NamedEffect, f64)> = order.into_iter().map(|k| (named[k].clone(), sizes[k])).collect();
         let judge = &self.explained.ready.problem.settings.judge;
         let imperfect = self.explained.ready.widened.is_some();
-        let stands = |effect: &NamedEffect| {
+        let material = self.audit.case.config.material.powi(2);
+        let stands = |(effect, size): &(NamedEffect, f64)| {
             effect.share.is_none_or(|share| share >= judge.least_share)
-                && (!imperfect || effect.confidence >= judge.least_confidence)
+                && (!imperfect || effect.confidence >= judge.least_confidence && *size >= material)
         };
         let mut first = true;
-        sorted.retain(|effect| std::mem::take(&mut first) || stands(effect));
-        sorted
+        sorted.retain(|sized| std::mem::take(&mut first) || stands(sized));
+        sorted.into_iter().map(|(effect, _)| effect).collect()
     }
 
-    fn candidates(&self) -> Vec<Explanation> {
-        let names = &self.explained.ready.problem.setting.names;
-        let factor = self.explained.level.factor.min(1.0);
+    /// Returns all explanations with their probabilities. In an imperfect simulation, small effects of the best
+    /// explanation that are not named are left out: explanations that differ only in them are one.
+    fn candidates(&self, named: &[NamedEffect]) -> Vec<Explanation> {
+        let Explained { ready, found, level, .. } = self.explained;
+        let Judgement { gaps, shown, weighted, .. } = &self.judged;
+        let names = &ready.problem.setting.names;
+        let factor = level.factor.min(1.0);
         let located = |p: &Placed| Located { effect: p.effect.name().into(), location: p.place.location(names) };
-        let floor = self.judged.gaps.noise_floor;
-        let explanation = |w: &crate::judge::verdict::Weighted| Explanation {
-            effects: w.effects.iter().map(located).collect(),
+        let is_named =
+            |at: &Located| named.iter().any(|named| named.effect == at.effect && named.location == at.location);
+        let all = found.best.effects.iter().chain(shown.iter().map(|shown| &shown.placed));
+        let small: Vec<&Placed> = all.filter(|p| ready.widened.is_some() && !is_named(&located(p))).collect();
+        let counts = |placed: &&Placed| !small.iter().any(|small| same(small, placed));
+        // An explanation by small effects alone stays as it is: without any, it would be that nothing is missing.
+        let effects = |w: &Weighted| -> Vec<Located> {
+            let large: Vec<Located> = w.effects.iter().filter(counts).map(located).collect();
+            if large.is_empty() { w.effects.iter().map(located).collect() } else { large }
+        };
+        let explanation = |w: &Weighted| Explanation {
+            effects: effects(w),
             unknown: w.unknown,
             probability: w.probability,
-            gap_after: w.cost.map(|cost| floor * (cost / factor).max(0.0).sqrt()),
+            gap_after: w.cost.map(|cost| gaps.noise_floor * (cost / factor).max(0.0).sqrt()),
         };
-        self.judged.weighted.iter().map(explanation).collect()
+        joined(weighted.iter().map(explanation))
     }
 
     /// Returns the answer in a few sentences.
@@ -217,4 +231,19 @@ impl<'f, 'a> Finding<'f, 'a> {
         }
         with_all(self.explained).unwrap_or((fit.eta, fit.effects))
     }
+}
+
+/// Joins explanations with the same effects, whose probabilities add up.
+fn joined(explanations: impl Iterator<Item = Explanation>) -> Vec<Explanation> {
+    let is_part = |a: &Explanation, b: &Explanation| a.effects.iter().all(|effect| b.effects.contains(effect));
+    let mut joined: Vec<Explanation> = Vec::new();
+    for next in explanations {
+        let equal = |one: &&mut Explanation| one.unknown == next.unknown && is_part(one, &next) && is_part(&next, one);
+        match joined.iter_mut().find(equal) {
+            Some(one) => one.probability += next.probability,
+            None => joined.push(next),
+        }
+    }
+    joined.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    joined
 }

@@ -91,14 +91,25 @@ impl Nuisance {
     }
 
     /// Returns the factor, at least one, by which the modes' parameters exceed their prior. It is estimated from the
-    /// median of those that the records determine, which is insensitive to a few that an effect has moved. The records
-    /// determine a parameter if its information, the prior included, exceeds that of the prior by the factor
-    /// `determined`.
+    /// median of those that the records determine, which is insensitive to a few that an effect has moved.
     pub fn needed(&self, eta: &[f64], jacobian: &Jacobian, determined: f64) -> f64 {
-        let told = |k: &usize| jacobian.normal[(*k, *k)] * self.std[*k].powi(2) > determined;
-        let mut off: Vec<f64> = (0..self.of_simulation()).filter(told).map(|k| (eta[k] / self.std[k]).abs()).collect();
+        let mut off: Vec<f64> = self.determined(jacobian, determined).map(|k| (eta[k] / self.std[k]).abs()).collect();
         off.sort_by(f64::total_cmp);
         off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
+    }
+
+    /// Returns twice the negative logarithm of the prior density of those of these parameters that the records determine,
+    /// with the scale that they need, up to a constant.
+    pub fn prior_cost(&self, eta: &[f64], jacobian: &Jacobian, determined: f64) -> f64 {
+        let scale = self.needed(eta, jacobian, determined);
+        let cost = |k: usize| (eta[k] / self.std[k] / scale).powi(2) + 2.0 * scale.ln();
+        self.determined(jacobian, determined).map(cost).sum()
+    }
+
+    /// Returns the modes' parameters that the records determine: their information, the prior included, exceeds that of
+    /// the prior by the factor `determined`.
+    pub fn determined(&self, jacobian: &Jacobian, determined: f64) -> impl Iterator<Item = usize> {
+        (0..self.of_simulation()).filter(move |&k| jacobian.normal[(k, k)] * self.std[k].powi(2) > determined)
     }
 
     /// Adds initial states for records that are cut into windows, `windows[k]` of record k. The first window of a

@@ -2,8 +2,10 @@
 //! explanations, and the verdict.
 
 use crate::case::CaseConfig;
+use crate::case::levels::loudest;
 use crate::effects::Action;
 use crate::fit::refit::clipped;
+use crate::judge::crossed::are_like;
 use crate::judge::explained::Explained;
 use crate::judge::family::with_kin;
 use crate::judge::gap::Blocks;
@@ -82,11 +84,19 @@ fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, materia
     let settings = &ready.problem.settings.judge;
     let fails = !ready.off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes(settings));
     let imperfect = ready.widened.is_some() && !found.best.effects.is_empty();
-    // An explanation that widens the gap on held-out records by a material part explains nothing, however well it fits
-    // the others.
-    let grown = gaps.with_effect.powi(2) - gaps.within_limits.powi(2) > material.powi(2);
+    // Effects that widen the gap on held-out records by a material part explain nothing, however well they fit the
+    // others.
+    let grown =
+        !found.best.effects.is_empty() && gaps.with_effect.powi(2) - gaps.within_limits.powi(2) > material.powi(2);
+    // Held-out records that are as loud as the fitted ones say what is left better than these do: a change over time may
+    // have hardly begun in the fitted records.
+    let loudest = loudest(&ready.problem.records, ready.problem.settings.case.same_level);
+    let told = are_like(&ready.held_out, loudest, ready.problem.settings.case.same_level)
+        && explained.refused.is_empty()
+        && explained.unpredicted.is_none();
     match (fails || grown, imperfect) {
         (true, _) => settings.most_unknown.max(judged.unknown),
+        (false, true) if told => outside(gaps.left(), settings),
         (false, true) => judged.unknown.max(outside(gaps.left(), settings)),
         (false, false) => judged.unknown,
     }

@@ -12,9 +12,10 @@ use rayon::prelude::*;
 
 use crate::effects::{Effect, Place, Range};
 use crate::fit::candidate::same;
-use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem};
+use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem, sum_of_squares};
+use crate::fit::refit::clipped;
 use crate::search::rules::Scope;
-use crate::search::screen::{Base, Now, Tried};
+use crate::search::screen::{Base, Entry, Now, Tried, screen};
 use crate::simulate::Fineness;
 
 /// Factors tau that are tried.
@@ -61,6 +62,40 @@ pub fn fits<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &
     };
     let likely: Vec<LinearCause> = causes.into_iter().take(settings.absorbed).filter(likely).collect();
     likely.into_par_iter().map(fit).filter(|fit| fit.cost.is_finite()).collect()
+}
+
+/// Returns fits of this model with one number of the simulation more. They start at the simulation as given: the linear
+/// parameters of the model may have ended far from it, where no step leads back to a cause. Only numbers that close most
+/// of what the model leaves within the limits are returned, if the linear parameters then have to change less.
+/// `informed` are the derivatives that show which parameters the records determine.
+pub fn from_given<'a>(problem: &Problem, model: &Fit<'a>, informed: &Jacobian, scope: &Scope<'_, 'a>) -> Vec<Fit<'a>> {
+    let Some(within) = clipped(problem, &model.eta).filter(|_| !problem.few()) else { return Vec::new() };
+    let (settings, rows, effects) = (&scope.settings, problem.rows() as f64, &model.effects);
+    let excess = |residual: &[f64]| sum_of_squares(residual) - rows;
+    let plant = problem.nuisance.apply(&problem.plant, &within);
+    let most = settings.absorbed_left.powi(2) * excess(&problem.residual(&plant, &within, effects, Fineness::COARSE));
+    let eta = vec![0.0; problem.nuisance.len()];
+    let jacobian = problem.jacobian(&problem.plant);
+    let residual = problem.residual(&problem.plant, &eta, effects, Fineness::COARSE);
+    let base = Base {
+        problem,
+        jacobian: &jacobian,
+        plant: &problem.plant,
+        eta: &eta,
+        effects,
+        residual: &residual,
+        bold: false,
+    };
+    let there = |placed: &Placed| effects.iter().any(|other| same(other, placed)) || !scope.admits(placed);
+    let entries = screen(&base, scope.library, |placed| !placed.effect.is_number() || there(placed));
+    let likely = entries.into_iter().filter(|entry| entry.gain > settings.absorbed_gain).take(settings.absorbed);
+    let fit = |entry: Entry<'a>| {
+        problem.fit(&jacobian, &eta, &[&effects[..], &[entry.placed]].concat(), problem.far(ABSORBED))
+    };
+    let prior = |eta: &[f64]| problem.nuisance.prior_cost(eta, informed, problem.settings.fit.determined);
+    let spread = prior(&model.eta) - settings.absorbed_gain;
+    let closes = |fit: &Fit| fit.cost.is_finite() && excess(&fit.residual) < most && prior(&fit.eta) < spread;
+    likely.collect::<Vec<_>>().into_par_iter().map(fit).filter(closes).collect()
 }
 
 /// Returns the numbers of the simulation that account for these changes, the best first.
@@ -201,15 +236,14 @@ impl Known {
 mod tests {
     use super::*;
     use crate::effects::Library;
-    use crate::fit::problem::sum_of_squares;
-    use crate::fit::refit::{STEPS, refit};
+    use crate::fit::refit::{Refit, STEPS, refit};
     use crate::prepare::{Known as Stated, prepare};
     use crate::search::rules::Rules;
     use crate::testing;
 
-    /// Returns the first causes (effect, place, value, gain) of a plant whose shapes are off by half a per cent and
-    /// whose first output is multiplied by `gain`, with the mean square of what the refit leaves.
-    fn found(gain: f64) -> (Vec<(&'static str, Place, f64, f64)>, f64) {
+    /// Returns the problem of a plant whose shapes are off by half a per cent and whose first output is multiplied by
+    /// `gain`, with its refit.
+    fn refitted(gain: f64) -> (Problem, Refit) {
         let sim = testing::truss(1);
         let real = testing::truss_with(1, |_, input, output| {
             let off = |k: usize| 1.0 + 0.005 * if k.is_multiple_of(3) { 1.0 } else { -0.6 };
@@ -220,18 +254,56 @@ mod tests {
         let case = testing::case(&sim, &real);
         let problem = prepare(case.model.as_ref().unwrap(), &case.records, &Stated::default()).unwrap().problem;
         let refitted = refit(&problem, STEPS);
+        (problem, refitted)
+    }
+
+    /// Calls a function with the whole vocabulary.
+    fn with_all<T>(problem: &Problem, then: impl FnOnce(&Scope) -> T) -> T {
         let library = Library::standard();
         let rules = Rules { suspects: &[], exclude: &[], without: &[] };
         let (settings, names) = (problem.settings.search.clone(), problem.setting.names.clone());
         let scope =
             Scope { library: &library, rules: &rules, settings, names, off: Vec::new(), bold: false, imperfect: true };
-        let causes = causes(&problem, &refitted.as_fit(), &refitted.jacobian, &scope);
+        then(&scope)
+    }
+
+    /// Returns the first causes (effect, place, value, gain) and the mean square of what the refit leaves.
+    fn found(gain: f64) -> (Vec<(&'static str, Place, f64, f64)>, f64) {
+        let (problem, refitted) = refitted(gain);
         let told = |cause: &LinearCause| {
             let placed = &cause.placed;
             (placed.effect.name(), placed.place.clone(), placed.parameters[0], cause.gain)
         };
-        let left = sum_of_squares(&refitted.residual) / problem.rows() as f64;
-        (causes.iter().take(3).map(told).collect(), left)
+        let first = with_all(&problem, |scope| {
+            causes(&problem, &refitted.as_fit(), &refitted.jacobian, scope).iter().take(3).map(told).collect()
+        });
+        (first, sum_of_squares(&refitted.residual) / problem.rows() as f64)
+    }
+
+    /// A gain is found from the simulation as given, and with it the linear parameters hardly change. Nothing is found
+    /// if the simulation is within its limits.
+    #[test]
+    fn a_gain_is_found_from_the_simulation_as_given() {
+        for gain in [1.0, 1.4] {
+            let (problem, refitted) = refitted(gain);
+            let first = with_all(&problem, |scope| {
+                let fits = from_given(&problem, &refitted.as_fit(), &refitted.jacobian, scope);
+                let first = fits.iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
+                first.map(|fit| {
+                    let [placed] = fit.effects.as_slice() else { panic!("one effect") };
+                    let z = problem.max_prior_z(&fit.eta);
+                    (placed.effect.name(), placed.place.clone(), placed.parameters[0], z)
+                })
+            });
+            if gain == 1.0 {
+                assert_eq!(first, None);
+                continue;
+            }
+            let (name, place, value, z) = first.unwrap();
+            assert_eq!((name, place), ("sensor-gain", Place::Output(0)));
+            assert!((value / gain - 1.0).abs() < 0.02, "{value}");
+            assert!(z < 0.5 * problem.max_prior_z(&refitted.eta), "{z} of {}", problem.max_prior_z(&refitted.eta));
+        }
     }
 
     /// The refit accounts for the gain with the shapes of all modes and leaves only noise.

@@ -178,7 +178,8 @@ fn start<'a>(
     if !price.scope.imperfect {
         return None;
     }
-    let fits = linear_cause::fits(problem, &refit.as_fit(), &refit.jacobian, price.scope);
+    let mut fits = linear_cause::fits(problem, &refit.as_fit(), &refit.jacobian, price.scope);
+    fits.extend(linear_cause::from_given(problem, &refit.as_fit(), &refit.jacobian, price.scope));
     let tried: Vec<Candidate> = fits.iter().map(|fit| price.candidate(fit)).collect();
     let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)))?;
     let gain = refit.cost - price.of(&top);

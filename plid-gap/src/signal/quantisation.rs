@@ -45,8 +45,9 @@ pub fn of_outputs(
     let finest = steps.iter().copied().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min);
     (0..p)
         .map(|o| {
-            // For a single channel, or if all are alike, the noise is the reference: it would blur a finer grid.
-            let noisy = sensor_std[o];
+            // For a single channel, or if all are alike, the noise is the reference: it would blur a finer grid. A
+            // sensor may be far noisier than it is declared.
+            let noisy = sensor_std[o].max(at_rest(records, o, steps[o]));
             let coarse = steps[o].is_finite()
                 && (steps[o] > coarse_step * finest && steps[o] > coarse_over_noise * noisy
                     || steps[o] > coarse_alone * noisy);
@@ -72,6 +73,16 @@ pub fn of_outputs(
             Quantisation { step: steps[o], grid: on_grid(records, o, steps[o]), coarse, cut, dropout_rate, repeats }
         })
         .collect()
+}
+
+/// Returns the standard deviation of an output in the records without input, without that of rounding to this step; zero
+/// if there is no such record.
+fn at_rest(records: &[Record], o: usize, step: f64) -> f64 {
+    let quiet = records.iter().filter(|record| !driven(record));
+    let values: Vec<f64> = quiet.flat_map(|record| record.y[o].iter().copied()).filter(|y| y.is_finite()).collect();
+    let (samples, mean) = (values.len().max(1) as f64, values.iter().sum::<f64>() / values.len().max(1) as f64);
+    let variance = values.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / samples;
+    (variance - step * step / 12.0).max(0.0).sqrt()
 }
 
 /// Returns whether a converter truncates: its code zero is then twice as wide as the others. The frequencies of the
