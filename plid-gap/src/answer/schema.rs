@@ -207,7 +207,8 @@ pub struct Diagnosis {
     pub sentence: String,
     /// The effects, the largest share of the gap first.
     pub effects: Vec<NamedEffect>,
-    /// The explanations, the most probable first.
+    /// The explanations, the most probable first. In an imperfect simulation, those that differ only in effects which
+    /// are too small to be named are one.
     pub candidates: Vec<Explanation>,
     /// Explanations that these records cannot separate.
     pub not_separable: Vec<Vec<String>>,

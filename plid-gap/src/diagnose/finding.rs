@@ -247,3 +247,29 @@ fn joined(explanations: impl Iterator<Item = Explanation>) -> Vec<Explanation> {
     joined.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     joined
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn explanations_with_the_same_effects_are_one() {
+        let explanation = |effects: &[&str], unknown: bool, probability: f64| Explanation {
+            effects: effects.iter().map(|e| Located { effect: (*e).into(), location: "input:u1".into() }).collect(),
+            unknown,
+            probability,
+            gap_after: None,
+        };
+        let all = [
+            explanation(&["actuator-lag"], false, 0.4),
+            explanation(&["actuator-gain", "actuator-lag"], false, 0.25),
+            explanation(&[], true, 0.15),
+            explanation(&["actuator-lag", "actuator-gain"], false, 0.2),
+        ];
+        let joined = joined(all.into_iter());
+        let sizes: Vec<usize> = joined.iter().map(|explanation| explanation.effects.len()).collect();
+        assert_eq!(sizes, [2, 1, 0]);
+        assert!((joined[0].probability - 0.45).abs() < 1e-12);
+        assert!(joined[2].unknown);
+    }
+}

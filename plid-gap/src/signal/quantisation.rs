@@ -259,6 +259,24 @@ mod tests {
         }
     }
 
+    /// The same steps are coarse if the sensor is as quiet as declared, and not if its noise hides them.
+    #[test]
+    fn a_converter_is_not_coarse_where_noise_hides_its_step() {
+        let settings = SignalSettings::default();
+        let (signal, noise) =
+            (testing::random_input(3, 4000, 1).remove(0), testing::random_input(4, 4000, 1).remove(0));
+        for (std, coarse) in [(0.002, true), (0.1, false)] {
+            let rounded = |clean: &dyn Fn(usize) -> f64| -> Vec<f64> {
+                (0..4000).map(|k| 0.02 * ((clean(k) + std * noise[k]) / 0.02).round()).collect()
+            };
+            let driven = record(vec![rounded(&|k| signal[k])]);
+            let quiet = Record { excitation: Excitation::Zero, ..record(vec![rounded(&|_| 0.0)]) };
+            let errors = vec![vec![vec![0.0; 4000]]; 2];
+            let found = of_outputs(&[driven, quiet], &errors, &[0.002], &settings);
+            assert_eq!(found[0].coarse, coarse, "{std}");
+        }
+    }
+
     /// Three channels of one signal: fine, rounded coarsely, and truncated coarsely, with steps from a fifth of its
     /// size to its size.
     #[test]
