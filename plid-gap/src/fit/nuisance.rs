@@ -98,8 +98,8 @@ impl Nuisance {
         off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
     }
 
-    /// Returns twice the negative logarithm of the prior density of those of these parameters that the records determine,
-    /// with the scale that they need, up to a constant.
+    /// Returns twice the negative logarithm of the prior density of those of these parameters that the records
+    /// determine, with the scale that they need, up to a constant.
     pub fn prior_cost(&self, eta: &[f64], jacobian: &Jacobian, determined: f64) -> f64 {
         let scale = self.needed(eta, jacobian, determined);
         let cost = |k: usize| (eta[k] / self.std[k] / scale).powi(2) + 2.0 * scale.ln();

@@ -88,8 +88,8 @@ fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, materia
     // others.
     let grown =
         !found.best.effects.is_empty() && gaps.with_effect.powi(2) - gaps.within_limits.powi(2) > material.powi(2);
-    // Held-out records that are as loud as the fitted ones say what is left better than these do: a change over time may
-    // have hardly begun in the fitted records.
+    // Held-out records that are as loud as the fitted ones say what is left better than these do: a change over time
+    // may have hardly begun in the fitted records.
     let loudest = loudest(&ready.problem.records, ready.problem.settings.case.same_level);
     let told = are_like(&ready.held_out, loudest, ready.problem.settings.case.same_level)
         && explained.refused.is_empty()

@@ -64,9 +64,9 @@ pub fn fits<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &
     likely.into_par_iter().map(fit).filter(|fit| fit.cost.is_finite()).collect()
 }
 
-/// Returns fits of this model with one number of the simulation more. They start at the simulation as given: the linear
-/// parameters of the model may have ended far from it, where no step leads back to a cause. Only numbers that close most
-/// of what the model leaves within the limits are returned, if the linear parameters then have to change less.
+/// Returns fits of this model with one more number of the simulation. They start at the simulation as given: the linear
+/// parameters of the model may have ended far from it, where no step leads back to a cause. Only numbers that close
+/// most of what the model leaves within the limits are returned, if the linear parameters then have to change less.
 /// `informed` are the derivatives that show which parameters the records determine.
 pub fn from_given<'a>(problem: &Problem, model: &Fit<'a>, informed: &Jacobian, scope: &Scope<'_, 'a>) -> Vec<Fit<'a>> {
     let Some(within) = clipped(problem, &model.eta).filter(|_| !problem.few()) else { return Vec::new() };

@@ -75,8 +75,8 @@ pub fn of_outputs(
         .collect()
 }
 
-/// Returns the standard deviation of an output in the records without input, without that of rounding to this step; zero
-/// if there is no such record.
+/// Returns the standard deviation of an output in the records without input, without that of rounding to this step;
+/// zero if there is no such record.
 fn at_rest(records: &[Record], o: usize, step: f64) -> f64 {
     let quiet = records.iter().filter(|record| !driven(record));
     let values: Vec<f64> = quiet.flat_map(|record| record.y[o].iter().copied()).filter(|y| y.is_finite()).collect();
