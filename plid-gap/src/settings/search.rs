@@ -66,8 +66,8 @@ group! {
         /// from it: the price of a choice and of a parameter. A single parameter that is off by twenty times
         /// the scale of the others gains about as much.
         absorbed_gain: f64 = 20.0, "2 ln L", 0.0..=1e9;
-        /// Most that such a number may leave, beyond the noise and in amplitude, of what a model within the limits
-        /// leaves without it: half, as for every main cause (`judge.most_left`).
+        /// Largest share that such a number may leave of what a model within the limits leaves without it, in amplitude
+        /// beyond the noise: half, as for every main cause (`judge.most_left`).
         absorbed_left: f64 = 0.5, "1", 0.0..=1.0;
         /// Most such numbers that are fitted.
         absorbed: usize = 3, "effects", 0.0..=100.0;

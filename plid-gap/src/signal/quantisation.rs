@@ -1,8 +1,9 @@
 //! Properties of the raw values that need no model: coarse converters, repeated values and clipping.
 
+use plid_model::signal::mean;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use crate::case::record::{Channels, Excitation, Record};
+use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::settings::SignalSettings;
 
 /// Relative error of values in a file of six digits.
@@ -79,10 +80,10 @@ pub fn of_outputs(
 /// zero if there is no such record.
 fn at_rest(records: &[Record], o: usize, step: f64) -> f64 {
     let quiet = records.iter().filter(|record| !driven(record));
-    let values: Vec<f64> = quiet.flat_map(|record| record.y[o].iter().copied()).filter(|y| y.is_finite()).collect();
-    let (samples, mean) = (values.len().max(1) as f64, values.iter().sum::<f64>() / values.len().max(1) as f64);
-    let variance = values.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / samples;
-    (variance - step * step / 12.0).max(0.0).sqrt()
+    let values: Vec<f64> = quiet.flat_map(|record| record.y[o].iter().copied()).collect();
+    let mean = mean(&values);
+    let std = rms(values.iter().map(|y| y - mean));
+    (std * std - step * step / 12.0).max(0.0).sqrt()
 }
 
 /// Returns whether a converter truncates: its code zero is then twice as wide as the others. The frequencies of the
