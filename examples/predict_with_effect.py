@@ -168,13 +168,18 @@ def sensor_lag(x, p, t, h):
 
 
 def sensor_delay(x, p, t, h):
-    # Of linear phase over the whole band. Zeros behind the record keep its end out of its beginning; how many there are
-    # shows a little at both ends: up to a length without prime factors above 5, as plid has it.
+    # Of linear phase over the whole band. Behind the record stands its point reflection about the last sample, which
+    # fades to zero within 64 samples, so that the record does not end with a jump. The length has no prime factors
+    # above 5, as plid has it; it shows a little at both ends.
     length = len(x) + math.ceil(p["tau"]) + 64
     while 30**20 % length != 0:
         length += 1
+    k = np.arange(length - len(x))
+    back = len(x) - 2 - k
+    reflected = 2 * x[-1] - np.where(back >= 0, x[np.maximum(back, 0)], x[-1])
+    fading = 0.5 * (1 + np.cos(np.pi * np.minimum(k / 64, 1)))
     turn = np.exp(-1j * TAU * p["tau"] / length * np.arange(length // 2 + 1))
-    return np.fft.irfft(np.fft.rfft(x, length) * turn, length)[:len(x)]
+    return np.fft.irfft(np.fft.rfft(np.concatenate([x, fading * reflected])) * turn, length)[:len(x)]
 
 
 def saturation(x, p, sharp):
@@ -257,7 +262,7 @@ DRIFTS = {
     "stiffness-drift": lambda t, p: 1 + p["r"] * t,
     "free-stiffness-course": lambda t, p: 1 + course(t / p["unit"], p["s"]),
 }
-# Already in linear_with_modal_effects; and what no free run shows.
+# Already in linear_with_modal_effects, as a lag at a place loop:u1 is; and what no free run shows.
 NOTHING_TO_DO = ["modal-frequency", "modal-damping", "missing-mode", "added-mass", "added-damping", "added-stiffness",
                  "sensor-noise", "sensor-dropout", "coloured-disturbance"]
 
@@ -362,7 +367,7 @@ def simulate(file, u, t0):
     # A mode that was missing stands behind the others and before the rest.
     q = file["modes"] + (len(model["A"]) - len(file["linear"]["A"])) // 2
     rate, t = model["sample_rate_hz"], t0 + np.arange(u.shape[1]) / model["sample_rate_hz"]
-    effects = []
+    effects, loads = [], []
     for effect in file["effects"]:
         name, numbers = effect["effect"], {**effect["parameters"], **effect.get("given", {})}
         if not any(name in known for known in KNOWN):
@@ -373,6 +378,9 @@ def simulate(file, u, t0):
         if name == "iwan-joint":
             held = effect["location"].startswith("mode:") or file["modes"] == 1
             p = {"s": float(held), **p, **sliders(p)}
+        if effect["location"].startswith("loop:"):
+            loads.append(name)
+            continue
         several = SEVERAL[name](p) if name in SEVERAL else [(name, p)]
         effects.extend((name, effect["location"], p) for name, p in several)
 
@@ -391,7 +399,7 @@ def simulate(file, u, t0):
         (DISTURBANCES[name](t, p), strut(location, model)) for name, location, p in effects if name in DISTURBANCES
     ]
     drifts = [(DRIFTS[name], p) for name, _, p in effects if name in DRIFTS]
-    loads = [name for name, _, _ in effects if name.startswith("added-")]
+    loads += [name for name, _, _ in effects if name.startswith("added-")]
     if drifts and loads:
         sys.exit(f"{loads[0]} with a stiffness that changes: this script knows only the modes without it")
     y = structure(model, q, u, parts, t, forces, pushes, drifts, loop)

@@ -175,7 +175,7 @@ def drawn(kind, plant, big, reach):
         case "sensor delay":
             return Truth(["sensor-delay", "actuator-delay"], {"input:u", "output:*"}, sense=late(round(12 * big)))
         case "torque lag":
-            return Truth(["actuator-lag"], {"input:u"}, torque_lag=40.0 / big)
+            return Truth(["actuator-lag"], {"loop:u"}, torque_lag=40.0 / big)
         case "stiffening":
             d = reach[last]
             k = 0.5 * numbers["k"] * big / d**2

@@ -244,6 +244,7 @@ pub(crate) fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> O
             Some((i, j)) => Some(Place::InputToInput(of(&names.inputs, i)?, of(&names.inputs, j)?)),
             None => Some(Place::Input(of(&names.inputs, at)?)),
         },
+        "loop" => Some(Place::Loop(of(&names.inputs, at)?)),
         "output" => match at.split_once("->") {
             Some((i, j)) => Some(Place::OutputToOutput(of(&names.outputs, i)?, of(&names.outputs, j)?)),
             None => Some(Place::Output(of(&names.outputs, at)?)),

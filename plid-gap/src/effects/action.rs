@@ -72,10 +72,34 @@ pub trait Force: Send + Sync {
     fn advance(&self, _from: f64, _to: f64, _state: &mut [f64]) {}
 }
 
+/// The times of the samples of a run, and what was before the first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sampling {
+    /// Time of the first sample in s.
+    pub t0: f64,
+    /// Sample rate in Hz.
+    pub rate: f64,
+    /// Whether all signals were zero before the first sample. Otherwise the plant's history is not known.
+    pub at_rest: bool,
+}
+
+impl Sampling {
+    /// Returns the time of a sample in s.
+    pub fn time(&self, sample: usize) -> f64 {
+        self.t0 + sample as f64 / self.rate
+    }
+
+    /// Returns the value at which a sensor had settled before the first sample of this signal: zero at rest, or else
+    /// that of the first sample, so that the record does not begin with a transient of the sensor.
+    pub fn before(&self, y: &[f64]) -> f64 {
+        if self.at_rest { 0.0 } else { y.first().copied().unwrap_or(0.0) }
+    }
+}
+
 /// A change of the sensors' signals, after the filter and before noise.
 pub trait Sensor: Send + Sync {
-    /// Changes the outputs (p channels) in place, from time `t0`.
-    fn apply(&self, y: &mut [Vec<f64>], t0: f64, rate: f64);
+    /// Changes the outputs (p channels) of a run in place.
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling);
 }
 
 /// The change of a simulation by an effect.
@@ -87,6 +111,9 @@ pub enum Action {
     /// Adds a linear force at a port (its number). It acts after all other changes of the plant, because it couples
     /// the modes.
     Load(usize, Load),
+    /// Lets the force that accelerates a port (its number) follow through a lag with this pole in rad/s. It acts after
+    /// all loads.
+    Lag(usize, f64),
     /// Multiplies every mode's w^2 by a function of time. Modes that a load couples are not changed.
     Stiffness(Box<dyn Fn(f64) -> f64 + Send + Sync>),
     /// Applies a force at a port (its number) that depends on the structure's motion.

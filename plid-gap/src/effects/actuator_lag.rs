@@ -18,7 +18,7 @@ impl Effect for ActuatorLag {
     }
 
     fn equation(&self) -> &'static str {
-        "the actuator's pole moves to fp (gain at zero frequency 1)"
+        "the actuator's pole moves to fp (gain at zero frequency 1); inside a loop, its force lags with the pole fp"
     }
 
     fn is_linear(&self) -> bool {
@@ -30,14 +30,14 @@ impl Effect for ActuatorLag {
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
-        setting.inputs()
+        setting.inputs().into_iter().chain(setting.loops()).collect()
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
-        let Place::Input(i) = *place else { return Vec::new() };
-        match setting.plant.chain.actuator_hz(i) {
+        match present(setting, place) {
             Some(hz) => [0.5, 0.75, 0.9, 1.12, 1.4, 2.2].map(|share| vec![share * hz]).to_vec(),
-            None => [0.02, 0.1, 0.25, 0.5].map(|share| vec![share * setting.plant.rate]).to_vec(),
+            // The mildest first: a slow drive makes its loop unstable.
+            None => [0.5, 0.25, 0.1, 0.02].map(|share| vec![share * setting.plant.rate]).to_vec(),
         }
     }
 
@@ -46,15 +46,22 @@ impl Effect for ActuatorLag {
     }
 
     fn given(&self, setting: &Setting, place: &Place) -> Vec<(&'static str, f64, &'static str)> {
-        let Place::Input(i) = *place else { return Vec::new() };
-        setting.plant.chain.actuator_hz(i).map(|pole| ("pole", pole, "Hz")).into_iter().collect()
+        present(setting, place).map(|pole| ("pole", pole, "Hz")).into_iter().collect()
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
-        let Place::Input(i) = *place else { return Vec::new() };
-        let (from, to) = (setting.plant.chain.actuator_hz(i), parameters[0]);
-        vec![Action::Command(Box::new(Lag { i, from: from.map(|hz| hz * TAU), to: to * TAU }))]
+        let (from, to) = (present(setting, place).map(|hz| hz * TAU), parameters[0] * TAU);
+        match *place {
+            Place::Input(i) => vec![Action::Command(Box::new(Lag { i, from, to }))],
+            Place::Loop(_) => vec![Action::Lag(setting.port(place), to)],
+            _ => Vec::new(),
+        }
     }
+}
+
+/// Returns the pole in Hz that the actuator has in the simulation, if it has one. A loop has none of its own.
+fn present(setting: &Setting, place: &Place) -> Option<f64> {
+    if let Place::Input(i) = *place { setting.plant.chain.actuator_hz(i) } else { None }
 }
 
 /// Number of parts of a sample. Within a part the mean of the lagged command is used.

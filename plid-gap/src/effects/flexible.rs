@@ -2,7 +2,7 @@
 //! together with an effect whose own characteristic does not suffice, and is never named. It distinguishes "this
 //! location, another shape" from "something else".
 
-use super::{Action, Command, Drive, Effect, Force, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Command, Drive, Effect, Force, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// The characteristic that a free shape changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -251,9 +251,9 @@ struct ZeroOverTime {
 }
 
 impl Sensor for ZeroOverTime {
-    fn apply(&self, y: &mut [Vec<f64>], t0: f64, rate: f64) {
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
         for (k, y) in y[self.o].iter_mut().enumerate() {
-            *y += self.size * course((t0 + k as f64 / rate) / self.unit, &self.shape);
+            *y += self.size * course(sampling.time(k) / self.unit, &self.shape);
         }
     }
 }
@@ -385,7 +385,7 @@ struct OutputCurve {
 }
 
 impl Sensor for OutputCurve {
-    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
         for y in &mut y[self.o] {
             *y += self.unit * characteristic(*y / self.unit, &self.shape);
         }
@@ -398,7 +398,7 @@ struct OutputTaps {
 }
 
 impl Sensor for OutputTaps {
-    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
         let from = y[self.o].clone();
         let last = from.len().saturating_sub(1);
         // Zero before the record; after it the last value.

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Effect, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 use std::f64::consts::{PI, TAU};
 
 /// Mains frequencies in Hz.
@@ -78,9 +78,9 @@ struct Hum {
 }
 
 impl Sensor for Hum {
-    fn apply(&self, y: &mut [Vec<f64>], t0: f64, rate: f64) {
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
         for (k, y) in y[self.o].iter_mut().enumerate() {
-            let t = t0 + k as f64 / rate;
+            let t = sampling.time(k);
             *y += self.lines.iter().map(|(a, f, phi)| a * (TAU * f * t + phi).sin()).sum::<f64>();
         }
     }

@@ -61,7 +61,7 @@ mod units;
 
 pub use crate::plant::Load;
 pub use crate::signal::peaks::MissingModeStart;
-pub use action::{Action, Command, Drive, Force, Sensor};
+pub use action::{Action, Command, Drive, Force, Sampling, Sensor};
 pub use flexible::Flexible;
 pub use library::Library;
 pub use place::{Names, Place};

@@ -10,6 +10,8 @@ pub enum Place {
     Input(usize),
     /// All inputs equally.
     AllInputs,
+    /// The loop that an input commands: what drives the port of that input.
+    Loop(usize),
     /// From one input into another.
     InputToInput(usize, usize),
     /// One output.
@@ -62,6 +64,7 @@ impl fmt::Display for Located<'_> {
         let names = self.names;
         match *self.place {
             Place::Input(i) => write!(f, "input:{}", names.inputs[i]),
+            Place::Loop(i) => write!(f, "loop:{}", names.inputs[i]),
             Place::AllInputs => f.write_str("input:all"),
             Place::InputToInput(i, j) => write!(f, "input:{}->{}", names.inputs[i], names.inputs[j]),
             Place::Output(o) => write!(f, "output:{}", names.outputs[o]),

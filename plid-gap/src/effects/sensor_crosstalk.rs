@@ -1,4 +1,4 @@
-use super::{Action, Change, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Change, Effect, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// A signal that also reaches another channel.
 pub struct SensorCrosstalk;
@@ -59,7 +59,7 @@ struct Crosstalk {
 }
 
 impl Sensor for Crosstalk {
-    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
         let from = y[self.i].clone();
         for (y, from) in y[self.j].iter_mut().zip(from) {
             *y += self.c * from;

@@ -1,5 +1,5 @@
-use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
-use std::f64::consts::TAU;
+use super::{Action, Effect, Flexible, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use std::f64::consts::{PI, TAU};
 
 use plid_fourier::C;
 
@@ -55,20 +55,83 @@ struct Delay {
 }
 
 impl Sensor for Delay {
-    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
-        delay(&mut y[self.o], self.tau);
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
+        let before = sampling.before(&y[self.o]);
+        delay(&mut y[self.o], self.tau, before);
     }
 }
 
-/// Delays a channel by any number of samples, with linear phase over the whole band; zero before the record.
-fn delay(y: &mut [f64], samples: f64) {
-    let length = plid_fourier::good_length(y.len() + samples.ceil() as usize + 64);
-    let mut padded = y.to_vec();
-    padded.resize(length, 0.0);
-    let mut spectrum = plid_fourier::forward(&padded);
+/// Fewest samples over which a record is continued beyond its end.
+const BEYOND: usize = 64;
+
+/// Delays a channel by any number of samples, with linear phase over the whole band. The channel had the value `before`
+/// before the record.
+///
+/// The values between samples depend on samples on both sides, so the last ones depend on what follows the record. A
+/// record that ended with a jump would ring there. It is therefore continued by its point reflection about the last
+/// sample, which keeps value and slope, and which fades to the value before the record: the transform repeats the
+/// record periodically.
+fn delay(y: &mut [f64], samples: f64, before: f64) {
+    let Some(&last) = y.last() else { return };
+    let beyond = BEYOND + samples.ceil() as usize;
+    let length = plid_fourier::good_length(y.len() + beyond);
+    let reflected = |k: usize| 2.0 * last - y.len().checked_sub(2 + k).map_or(last, |at| y[at]);
+    let mut continued: Vec<f64> = y.iter().map(|y| y - before).collect();
+    continued.extend((0..length - y.len()).map(|k| {
+        let fading = 0.5 * (1.0 + (PI * (k as f64 / BEYOND as f64).min(1.0)).cos());
+        fading * (reflected(k) - before)
+    }));
+    let mut spectrum = plid_fourier::forward(&continued);
     for (k, bin) in spectrum.iter_mut().enumerate() {
         *bin *= C::cis(-TAU * k as f64 * samples / length as f64);
     }
     let delayed = plid_fourier::backward(&spectrum, length);
-    y.copy_from_slice(&delayed[..y.len()]);
+    y.iter_mut().zip(&delayed).for_each(|(y, delayed)| *y = before + delayed);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::ActuatorDelay;
+    use crate::plant::Plant;
+    use crate::simulate::{Fineness, State, simulate};
+    use nalgebra::dmatrix;
+
+    /// Of one input and one output, a delay of the command and one of the measurement are the same, also where the
+    /// record ends far from where it began.
+    #[test]
+    fn a_late_sensor_is_a_late_command() {
+        let (a, b) = crate::testing::held(&dmatrix![0.0, 1.0; 0.0, -2.0], &dmatrix![0.0; 1.0], 1.0 / 500.0);
+        let model = plid_model::Model::new(500.0, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap();
+        let plant = Plant::new(&model).unwrap();
+        let setting = Setting::bare(&plant, &model);
+        let u = crate::testing::random_input(4, 1500, 1);
+        let delayed = |effect: &dyn Effect, place: Place| {
+            let actions = effect.act(&setting, &place, &[1.6]);
+            simulate(&plant, &actions, &u, 0.0, None, Fineness::FINE).remove(0)
+        };
+        let command = delayed(&ActuatorDelay, Place::Input(0));
+        let sensor = delayed(&SensorDelay, Place::Output(0));
+        let undelayed = simulate(&plant, &[], &u, 0.0, None, Fineness::FINE).remove(0);
+        let most = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        // The kinks that a held command leaves in the motion lie between the samples.
+        let apart = most(&command, &sensor) / most(&command, &undelayed);
+        assert!(apart < 5e-3, "{apart}");
+    }
+
+    /// A plant that was displaced before the record began shows no step of its sensor.
+    #[test]
+    fn a_displaced_plant_begins_without_a_step() {
+        let (a, b) = crate::testing::held(&dmatrix![0.0, 1.0; 0.0, -2.0], &dmatrix![0.0; 1.0], 1.0 / 500.0);
+        let model = plid_model::Model::new(500.0, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap();
+        let plant = Plant::new(&model).unwrap();
+        let setting = Setting::bare(&plant, &model);
+        let start = State { rest: vec![3.0, 0.0], ..State::rest(&plant) };
+        for (effect, parameter) in [(&SensorDelay as &dyn Effect, 1.6), (&crate::effects::SensorLag, 20.0)] {
+            let actions = effect.act(&setting, &Place::Output(0), &[parameter]);
+            let still = simulate(&plant, &actions, &[vec![0.0; 400]], 0.0, Some(&start), Fineness::FINE).remove(0);
+            let (low, high) = still.iter().fold((f64::MAX, f64::MIN), |(low, high), y| (low.min(*y), high.max(*y)));
+            assert!(high - low < 1e-9 * high.abs() && high.abs() > 0.1, "{}: {low} {high}", effect.name());
+        }
+    }
 }

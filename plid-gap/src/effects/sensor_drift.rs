@@ -1,4 +1,4 @@
-use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// A sensor whose offset changes with time.
 pub struct SensorDrift;
@@ -49,10 +49,9 @@ struct Drift {
 }
 
 impl Sensor for Drift {
-    fn apply(&self, y: &mut [Vec<f64>], t0: f64, rate: f64) {
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
         for (k, y) in y[self.o].iter_mut().enumerate() {
-            let t = t0 + k as f64 / rate;
-            *y += self.s * t;
+            *y += self.s * sampling.time(k);
         }
     }
 }

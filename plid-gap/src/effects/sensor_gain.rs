@@ -1,4 +1,4 @@
-use super::{Action, Change, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Change, Effect, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// A sensor with a calibration error.
 pub struct SensorGain;
@@ -57,7 +57,7 @@ struct Gain {
 }
 
 impl Sensor for Gain {
-    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
         for y in &mut y[self.o] {
             *y *= self.g;
         }

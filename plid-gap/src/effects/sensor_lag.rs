@@ -1,4 +1,4 @@
-use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 use std::f64::consts::TAU;
 
 /// A sensor with a low-pass filter that the simulation lacks.
@@ -53,9 +53,9 @@ struct Lag {
 }
 
 impl Sensor for Lag {
-    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, rate: f64) {
-        let al = (-TAU * self.fc / rate).exp();
-        let mut lagged = 0.0;
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
+        let al = (-TAU * self.fc / sampling.rate).exp();
+        let mut lagged = sampling.before(&y[self.o]);
         for y in &mut y[self.o] {
             lagged = al * lagged + (1.0 - al) * *y;
             *y = lagged;

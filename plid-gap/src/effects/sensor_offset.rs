@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Effect, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// A sensor that does not read zero at rest.
 pub struct SensorOffset;
@@ -45,7 +45,7 @@ struct Offset {
 }
 
 impl Sensor for Offset {
-    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
         for y in &mut y[self.o] {
             *y += self.offset;
         }

@@ -91,6 +91,17 @@ impl Setting {
         (0..self.plant.modes.len()).map(Place::Mode).collect()
     }
 
+    /// Returns the loops by number: those of the inputs that command the position of their own port. The controller of
+    /// a case closes its loops itself.
+    pub fn loops(&self) -> Vec<Place> {
+        if self.plant.controller.is_some() {
+            return Vec::new();
+        }
+        let commands = |place: &Place| self.plant.commands_position(self.port(place));
+        let inputs = self.loads().into_iter().filter(commands);
+        inputs.filter_map(|place| if let Place::Input(i) = place { Some(Place::Loop(i)) } else { None }).collect()
+    }
+
     /// Returns the locations of internal forces: the ports of the inputs, then the other ports.
     pub fn joints(&self) -> Vec<Place> {
         let ports = self.plant.ports.iter().enumerate();
@@ -162,7 +173,7 @@ impl Setting {
     pub fn port(&self, place: &Place) -> usize {
         let found = match *place {
             Place::Port(k) => Some(k),
-            Place::Input(i) => self.plant.ports.iter().position(|port| port.input == Some(i)),
+            Place::Input(i) | Place::Loop(i) => self.plant.ports.iter().position(|port| port.input == Some(i)),
             Place::Frequency(_, port) => Some(port),
             _ => None,
         };

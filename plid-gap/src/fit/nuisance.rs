@@ -252,6 +252,11 @@ impl Nuisance {
         (towards(nominal.0, b), towards(nominal.1, c))
     }
 
+    /// Returns whether a record starts from rest, so that its initial state is not fitted.
+    pub fn starts_at_rest(&self, record: usize) -> bool {
+        self.starts[record].is_none()
+    }
+
     /// Returns the initial state of a record, if it is fitted; at rest where `eta` lacks it.
     pub fn start(&self, record: usize, eta: &[f64]) -> Option<State> {
         let at = self.starts[record]?;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::case::record::{Channels, Record};
-use crate::effects::{Action, Effect, Place, Setting};
+use crate::effects::{Action, Effect, Place, Sampling, Setting};
 pub use crate::fit::descent::{Effort, Fit};
 pub use crate::fit::jacobian::Jacobian;
 use crate::fit::nuisance::Nuisance;
@@ -178,7 +178,8 @@ impl Problem {
     pub fn residual_from(&self, outputs: impl Iterator<Item = Channels>, actions: &[Action]) -> Vec<f64> {
         let mut to = vec![0.0; self.rows()];
         for (index, (record, mut y)) in self.records.iter().zip(outputs).enumerate() {
-            apply_sensors(actions, &mut y, record.start_s, self.plant.rate);
+            let at_rest = self.nuisance.starts_at_rest(index);
+            apply_sensors(actions, &mut y, Sampling { t0: record.start_s, rate: self.plant.rate, at_rest });
             self.whiteners[index].apply(&record.error(&y), &mut to[self.rows_of(index)]);
         }
         to

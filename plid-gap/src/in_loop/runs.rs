@@ -6,7 +6,7 @@ use plid_simulator::{Calls, Checked, Description, Failure, Instance, Motion, Sim
 
 use crate::answer::schema::Bound;
 use crate::case::record::{Channels, Record};
-use crate::effects::{Action, Drive, Force, Setting};
+use crate::effects::{Action, Drive, Force, Sampling, Setting};
 use crate::fit::problem::Placed;
 use crate::in_loop::bounds::{Bounds, Cut, Spent};
 use crate::in_loop::coupling::{Coupling, Response};
@@ -89,9 +89,11 @@ impl Acting {
 
     /// Applies the effects of the sensors to outputs.
     fn sense(&self, y: &mut Channels, t0: f64, rate: f64) {
+        // A simulator may begin at any position.
+        let sampling = Sampling { t0, rate, at_rest: false };
         for action in &self.actions {
             if let Action::Sensor(sensor) = action {
-                sensor.apply(y, t0, rate);
+                sensor.apply(y, sampling);
             }
         }
     }
@@ -416,7 +418,9 @@ impl<'s> Runs<'s> {
                 Action::Load(port, load) => at.loads.push((*port, *load)),
                 Action::Disturbance(port, of) => at.pushes.push((*port, of.as_ref())),
                 Action::Sensor(_) | Action::Noise => {}
-                Action::Plant(_) | Action::Stiffness(_) => unreachable!("such effects are not among the candidates"),
+                Action::Plant(_) | Action::Stiffness(_) | Action::Lag(..) => {
+                    unreachable!("such effects are not among the candidates")
+                }
             }
         }
         Prepared { record, inside: &acting.inside, values, drive, at }

@@ -84,7 +84,7 @@ impl Plant {
     }
 
     /// Puts all states into the rest: (Re z, Im z) of each mode, then the others.
-    fn couple(&mut self) {
+    pub(super) fn couple(&mut self) {
         let (q, r) = (self.modes.len(), self.rest.a.nrows());
         let Some((a_rest, b_rest)) = self.rest.continuous.clone().filter(|_| q > 0) else { return };
         let n = 2 * q + r;
@@ -117,7 +117,7 @@ impl Plant {
 }
 
 /// Returns a block of states with inputs that are held over a step.
-fn held(a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, step: f64) -> NonModal {
+pub(super) fn held(a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, step: f64) -> NonModal {
     let (r, m) = b.shape();
     let mut whole = DMatrix::zeros(r + m, r + m);
     whole.view_mut((0, 0), (r, r)).copy_from(&(&a * step));

@@ -7,6 +7,7 @@
 mod axis;
 mod chain;
 mod declared;
+mod drive;
 mod feedback;
 mod kind;
 mod load;

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use crate::effects::{Effect, Flexible};
+use crate::effects::{Effect, Flexible, Place};
 use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem};
 use crate::simulate::Fineness;
 
@@ -101,7 +101,9 @@ fn on_whole<'a>(problem: &Problem, free: FreeShapeFit<'a>) -> FreeShapeFit<'a> {
 
 /// Returns, for each effect with a free shape, its number, the free shape, and whether that replaces the effect.
 fn siblings(effects: &[Placed]) -> Vec<(usize, &'static Flexible, bool)> {
-    let shaped = effects.iter().enumerate().filter_map(|(k, e)| Some((k, e.effect.free_shape()?)));
+    // Inside a loop, the path of the command is not free.
+    let outside = |(_, placed): &(usize, &Placed)| !matches!(placed.place, Place::Loop(_));
+    let shaped = effects.iter().enumerate().filter(outside).filter_map(|(k, e)| Some((k, e.effect.free_shape()?)));
     shaped
         .flat_map(|(which, sibling)| {
             let alone = sibling.stands_alone().then_some((which, sibling, true));

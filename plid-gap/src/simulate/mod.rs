@@ -11,7 +11,7 @@ mod runner;
 mod together;
 
 use crate::case::record::Channels;
-use crate::effects::{Action, Drive, Force};
+use crate::effects::{Action, Drive, Force, Sampling};
 use crate::plant::{Plant, Port};
 pub use crate::simulate::together::{Run, before_sensors};
 use plid_fourier::C;
@@ -77,7 +77,8 @@ pub fn simulate(
     fineness: Fineness,
 ) -> Channels {
     let mut y = before_sensors(plant, &[Run { actions, u, t0, start }], fineness).swap_remove(0);
-    apply_sensors(actions, &mut y, t0, plant.rate);
+    let sampling = Sampling { t0, rate: plant.rate, at_rest: start.is_none() };
+    apply_sensors(actions, &mut y, sampling);
     y
 }
 
@@ -89,10 +90,10 @@ pub fn commands(plant: &Plant, u: &[Vec<f64>]) -> Channels {
 }
 
 /// Applies the effects on the sensors, in their order.
-pub fn apply_sensors(actions: &[Action], y: &mut Channels, t0: f64, rate: f64) {
+pub fn apply_sensors(actions: &[Action], y: &mut Channels, sampling: Sampling) {
     for action in actions {
         if let Action::Sensor(sensor) = action {
-            sensor.apply(y, t0, rate);
+            sensor.apply(y, sampling);
         }
     }
 }
@@ -155,10 +156,16 @@ pub fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
             changed.get_or_insert_with(|| plant.clone()).load(*port, load);
         }
     }
+    for action in actions {
+        if let Action::Lag(port, pole) = action {
+            changed.get_or_insert_with(|| plant.clone()).lag_drive(*port, *pole);
+        }
+    }
     changed
 }
 
-/// Returns the plant with the actions that change it, except loads, which couple the modes; `None` if none changes it.
+/// Returns the plant with the actions that change it, except loads and lags, which couple the modes; `None` if none
+/// changes it.
 pub fn changed_modes(plant: &Plant, actions: &[Action]) -> Option<Plant> {
     let mut changed = None;
     for action in actions {

@@ -17,6 +17,7 @@ use plid_model::signal::rms;
 use rayon::prelude::*;
 
 use crate::forward::Rig;
+use crate::truss::Truss;
 use crate::truth::{self, Channels};
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/predict_with_effect.py");
@@ -247,6 +248,12 @@ fn delayed(mut model: Model) -> Model {
     model
 }
 
+/// Damps a structure well: the lag of a drive takes damping away.
+fn damped(truss: &mut Truss) {
+    truss.filter_hz = None;
+    truss.modes.iter_mut().for_each(|(_, damping)| *damping = 0.25);
+}
+
 /// Effects with their locations.
 type Effects<'a> = [(&'a dyn Effect, Place)];
 
@@ -264,6 +271,8 @@ struct Benches {
     discrete: Bench,
     /// A truss and, next to it, a device that the second input moves and whose force is in the second output.
     tested: Bench,
+    /// A well damped structure whose first input commands the position of its own port.
+    servo: Bench,
     /// Accelerations without filters under control, by a reference and by what is added to the command.
     led: Bench,
     held: Bench,
@@ -302,6 +311,15 @@ impl Benches {
                 port.output = Some(vec![0.0, -1.0]);
                 model
             }),
+            servo: bench(Rig::with(18, damped), &|mut model: Model| {
+                let (a, b) = model.continuous.as_ref().map(|of| (of.a.clone(), of.b.column(0).into_owned())).unwrap();
+                let row = nalgebra::DVector::from_column_slice(&model.ports[0].displacement);
+                let there = -row.dot(&a.lu().solve(&b).unwrap());
+                model.continuous.as_mut().unwrap().b.column_mut(0).unscale_mut(there);
+                model.b.column_mut(0).unscale_mut(there);
+                model.d.column_mut(0).unscale_mut(there);
+                model
+            }),
             led: bench(Rig::with(16, |truss| truss.filter_hz = None), &|model| model).closed(true),
             held: bench(Rig::with(17, |truss| truss.filter_hz = None), &|model| model).closed(false),
         }
@@ -309,7 +327,7 @@ impl Benches {
 
     /// Every effect at a location of each kind at which it may act, and its free shape there; then several together.
     fn cases<'a>(&'a self, library: &'a Library) -> Vec<Case<'a>> {
-        let Self { declared, open, inferred, discrete, tested, led, held } = self;
+        let Self { declared, open, inferred, discrete, tested, servo, led, held } = self;
         let get = |name: &str| library.get(name).unwrap();
         let free = |name: &str| Flexible::named(name).unwrap() as &dyn Effect;
         let mut cases: Vec<Case> = Vec::new();
@@ -363,6 +381,8 @@ impl Benches {
             (free("free-sensor-path"), Place::Output(1)),
         ];
         cases.push((open, many));
+        cases.push((servo, vec![(get("actuator-lag"), Place::Loop(0))]));
+        cases.push((servo, vec![(get("added-mass"), Place::Input(1)), (get("actuator-lag"), Place::Loop(0)), joint()]));
         cases
     }
 }

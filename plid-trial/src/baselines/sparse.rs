@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::case::Channels;
-use plid_gap::effects::{Action, Command, Drive, Force, Sensor, Setting};
+use plid_gap::effects::{Action, Command, Drive, Force, Sampling, Sensor, Setting};
 use plid_gap::research::{Fineness, Plant, Problem, simulate};
 use serde::{Deserialize, Serialize};
 
@@ -416,7 +416,7 @@ impl Command for Added {
 }
 
 impl Sensor for Added {
-    fn apply(&self, y: &mut [Vec<f64>], t0: f64, rate: f64) {
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
         let (from, to) = match self.term {
             Term::Output { from, to, .. } => (from, to),
             Term::OutputStep { output } | Term::OutputTrend { output } => (output, output),
@@ -427,7 +427,7 @@ impl Sensor for Added {
             let added = match self.term {
                 Term::Output { power, .. } => source[k].powi(power),
                 Term::OutputStep { .. } => source[k] - if k == 0 { 0.0 } else { source[k - 1] },
-                _ => t0 + k as f64 / rate,
+                _ => sampling.time(k),
             };
             *value += self.coefficient * added;
         }
@@ -503,7 +503,8 @@ mod tests {
     #[test]
     fn what_a_term_adds_is_its_monomial() {
         let mut y = vec![vec![1.0, 2.0, 3.0], vec![10.0, 20.0, 30.0]];
-        let apply = |term: Term, y: &mut Vec<Vec<f64>>| Sensor::apply(&Added { term, coefficient: 2.0 }, y, 5.0, 10.0);
+        let sampling = Sampling { t0: 5.0, rate: 10.0, at_rest: true };
+        let apply = |term: Term, y: &mut Vec<Vec<f64>>| Sensor::apply(&Added { term, coefficient: 2.0 }, y, sampling);
         apply(Term::Output { from: 0, to: 1, power: 2 }, &mut y);
         assert_eq!(y[1], [12.0, 28.0, 48.0]);
         apply(Term::OutputStep { output: 0 }, &mut y);
