@@ -203,7 +203,7 @@ impl Prepared {
         let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
         let (mut power, mut freedom) = self.between_periods(simulated);
         // The rounding of a coarse converter repeats with the period, and is not noise there.
-        if self.quantisation.iter().any(|output| output.coarse) {
+        if self.quantisation.iter().any(|output| output.coarse || output.hidden.is_some()) {
             return NoiseLevel { factor: 1.0, uncertainty: settings.rounded_uncertainty, seen: true, driven: None };
         }
         // The square of a whitened value has variance two.
@@ -424,7 +424,8 @@ fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, quantisation: &[
 /// Adds the noise of converters and encoders: q^2 / 12 as soon as the signal moves, although a quiet record may be
 /// constant. A coarse one hides the noise before it, which is then as declared. If the values lie on a grid and a quiet
 /// record is constant, the noise before the converter is small: with a standard deviation above a sixth of a step, some
-/// value would have left its code. Otherwise the noise is what the quiet records show, and no less than the rounding.
+/// value would have left its code. If they show a few codes only, how often they do gives the noise before the
+/// converter. Otherwise the noise is what the quiet records show, and no less than the rounding.
 fn rounded(
     noise: NoiseModel,
     quiet: &[Stretch],
@@ -442,7 +443,7 @@ fn rounded(
             match (output.coarse, at_rest) {
                 (true, _) => variance + rounding,
                 (false, true) => before + rounding,
-                (false, false) => shown[o].max(rounding),
+                (false, false) => shown[o].max(output.hidden.unwrap_or(0.0) + rounding),
             },
         )
     })

@@ -1,5 +1,7 @@
 //! Properties of the raw values that need no model: coarse converters, repeated values and clipping.
 
+use std::collections::BTreeMap;
+
 use plid_model::signal::mean;
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -25,6 +27,9 @@ pub struct Quantisation {
     pub grid: bool,
     /// Whether the converter is coarser than those of the other channels.
     pub coarse: bool,
+    /// Variance of the noise before the converter (V^2), if the values lie on a grid of which the records without input
+    /// show a few codes. Their own variance is then not that of a moving signal.
+    pub hidden: Option<f64>,
     /// Whether the converter truncates towards zero instead of rounding.
     pub cut: bool,
     /// Number of runs of repeated values per sample of the driven records, if the output drops samples.
@@ -71,7 +76,9 @@ pub fn of_outputs(
             };
             let repeats = jumps.into_iter().map(repeats).collect();
             let cut = coarse && cuts(records, o, steps[o], settings.truncation_values);
-            Quantisation { step: steps[o], grid: on_grid(records, o, steps[o]), coarse, cut, dropout_rate, repeats }
+            let grid = on_grid(records, o, steps[o]);
+            let hidden = if grid { hidden(records, o, steps[o]) } else { None };
+            Quantisation { step: steps[o], grid, coarse, hidden, cut, dropout_rate, repeats }
         })
         .collect()
 }
@@ -84,6 +91,31 @@ fn at_rest(records: &[Record], o: usize, step: f64) -> f64 {
     let mean = mean(&values);
     let std = rms(values.iter().map(|y| y - mean));
     (std * std - step * step / 12.0).max(0.0).sqrt()
+}
+
+/// Returns the variance of Gaussian noise before a converter if it is smaller than half a step there: from how many
+/// values leave the most frequent code on either side in the records without input. `None` if there is no such record,
+/// or if no value leaves it.
+fn hidden(records: &[Record], o: usize, step: f64) -> Option<f64> {
+    let quiet = records.iter().filter(|record| !driven(record));
+    let values: Vec<f64> = quiet.flat_map(|record| &record.y[o]).copied().filter(|y| y.is_finite()).collect();
+    let first = *values.first()?;
+    let mut counts: BTreeMap<i64, usize> = BTreeMap::new();
+    values.iter().for_each(|y| *counts.entry(((y - first) / step).round() as i64).or_default() += 1);
+    let most = counts.iter().max_by_key(|(_, count)| **count).map(|(&code, _)| code)?;
+    let above: usize = counts.range(most + 1..).map(|(_, count)| count).sum();
+    let below: usize = counts.range(..most).map(|(_, count)| count).sum();
+    if above + below == 0 {
+        return None;
+    }
+    // Distances from the mean to the edges of the code, in standard deviations. Where no value lies beyond one, half a
+    // value is assumed.
+    let edge = |beyond: usize| {
+        let beyond = if beyond == 0 { 0.5 } else { beyond as f64 };
+        -Normal::standard().inverse_cdf(beyond / values.len() as f64)
+    };
+    let width = edge(above) + edge(below);
+    (width > 2.0).then(|| (step / width).powi(2))
 }
 
 /// Returns whether a converter truncates: its code zero is then twice as wide as the others. The frequencies of the
@@ -275,6 +307,38 @@ mod tests {
             let errors = vec![vec![vec![0.0; 4000]]; 2];
             let found = of_outputs(&[driven, quiet], &errors, &[0.002], &settings);
             assert_eq!(found[0].coarse, coarse, "{std}");
+        }
+    }
+
+    /// Whatever the position between two codes, a quiet record gives the noise of a moving signal, of which its own
+    /// variance shows too little.
+    #[test]
+    fn codes_at_rest_show_the_noise_before_the_converter() {
+        const STEP: f64 = 0.02;
+        let (signal, noise) =
+            (testing::random_input(3, 8000, 1).remove(0), testing::random_input(4, 8000, 1).remove(0));
+        for std in [0.2 * STEP, 0.3 * STEP, 0.4 * STEP] {
+            for at in [0.0, 0.2 * STEP, 0.4 * STEP] {
+                let rounded = |clean: &dyn Fn(usize) -> f64| -> Vec<f64> {
+                    (0..8000).map(|k| STEP * ((clean(k) + std * noise[k]) / STEP).round()).collect()
+                };
+                let driven = rounded(&|k| signal[k]);
+                let error = rms(driven.iter().zip(&signal).map(|(y, signal)| y - signal)).powi(2);
+                let quiet = Record { excitation: Excitation::Zero, ..record(vec![rounded(&|_| at)]) };
+                let found = hidden(&[record(vec![driven]), quiet.clone()], 0, STEP).unwrap() + STEP * STEP / 12.0;
+                // Where no value crosses one edge, the noise may be smaller than the one that is found.
+                let most = if at > 0.3 * STEP && std < 0.25 * STEP { 0.15 } else { 0.08 };
+                assert!((found / error - 1.0).abs() < most, "{std} {at}: {found} for {error}");
+                // Near the middle of a code, the record's own variance is too small.
+                let mean = mean(&quiet.y[0]);
+                let shown = rms(quiet.y[0].iter().map(|y| y - mean)).powi(2);
+                assert!(at > 0.3 * STEP || shown < 0.95 * error, "{std} {at}: {shown} for {error}");
+            }
+        }
+        // A noise of many steps shows itself, and a constant record shows nothing.
+        for std in [2.0 * STEP, 0.0] {
+            let y = noise.iter().map(|n| STEP * (std * n / STEP).round()).collect();
+            assert_eq!(hidden(&[Record { excitation: Excitation::Zero, ..record(vec![y]) }], 0, STEP), None, "{std}");
         }
     }
 
