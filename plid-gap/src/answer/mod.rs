@@ -1,5 +1,6 @@
 //! The answer in names, figures and sentences.
 
+pub(crate) mod further;
 mod motion;
 pub mod predict;
 pub(crate) mod range;

@@ -2,6 +2,7 @@
 
 use plid_model::Model;
 
+use crate::answer::further::divided;
 use crate::answer::schema::{Diagnosis, Explanation, Located, NamedEffect, SimulationWithEffects};
 use crate::answer::sentence::{Said, remains, sentence};
 use crate::answer::simulation::written;
@@ -139,7 +140,11 @@ impl<'f, 'a> Finding<'f, 'a> {
         };
         let mut first = true;
         sorted.retain(|sized| std::mem::take(&mut first) || stands(sized));
-        sorted.into_iter().map(|(effect, _)| effect).collect()
+        let mut named: Vec<NamedEffect> = sorted.into_iter().map(|(effect, _)| effect).collect();
+        if imperfect {
+            named.iter_mut().skip(1).for_each(|effect| effect.confidence *= judge.further_right);
+        }
+        named
     }
 
     /// Returns all explanations with their probabilities. In an imperfect simulation, small effects of the best
@@ -166,7 +171,12 @@ impl<'f, 'a> Finding<'f, 'a> {
             probability: w.probability,
             gap_after: w.cost.map(|cost| gaps.noise_floor * (cost / factor).max(0.0).sqrt()),
         };
-        joined(weighted.iter().map(explanation))
+        let together = joined(weighted.iter().map(explanation).collect());
+        if ready.widened.is_none() {
+            return together;
+        }
+        let main = named.first().map(|main| Located { effect: main.effect.clone(), location: main.location.clone() });
+        joined(divided(together.into_iter(), main.as_ref(), &ready.problem.settings.judge))
     }
 
     /// Returns the answer in a few sentences.
@@ -224,7 +234,9 @@ impl<'f, 'a> Finding<'f, 'a> {
         let (fit, gap) = (self.explained.predicting(), &self.judged.gaps);
         let follows =
             gap.with_effect <= self.explained.ready.problem.settings.judge.no_worse * gap.as_given.min(gap.refit);
-        if self.judged.verdict == Verdict::None || !follows {
+        // An effect that makes an immaterial gap is not named, and yet it predicts.
+        let named = self.judged.weighted.first().is_some_and(|top| !top.effects.is_empty());
+        if (self.judged.verdict == Verdict::None && !named) || !follows {
             let given = vec![0.0; fit.eta.len()];
             let refit = self.explained.refitted.eta.clone();
             return (if gap.refit <= gap.as_given { refit } else { given }, Vec::new());
@@ -234,7 +246,7 @@ impl<'f, 'a> Finding<'f, 'a> {
 }
 
 /// Joins explanations with the same effects, whose probabilities add up.
-fn joined(explanations: impl Iterator<Item = Explanation>) -> Vec<Explanation> {
+fn joined(explanations: Vec<Explanation>) -> Vec<Explanation> {
     let is_part = |a: &Explanation, b: &Explanation| a.effects.iter().all(|effect| b.effects.contains(effect));
     let mut joined: Vec<Explanation> = Vec::new();
     for next in explanations {
@@ -266,7 +278,7 @@ mod tests {
             explanation(&[], true, 0.15),
             explanation(&["actuator-lag", "actuator-gain"], false, 0.2),
         ];
-        let joined = joined(all.into_iter());
+        let joined = joined(all.to_vec());
         let sizes: Vec<usize> = joined.iter().map(|explanation| explanation.effects.len()).collect();
         assert_eq!(sizes, [2, 1, 0]);
         assert!((joined[0].probability - 0.45).abs() < 1e-12);

@@ -5,6 +5,7 @@ use crate::case::CaseConfig;
 use crate::case::levels::loudest;
 use crate::effects::Action;
 use crate::fit::refit::clipped;
+use crate::judge::calibration::{of_immaterial, of_unknown};
 use crate::judge::crossed::are_like;
 use crate::judge::explained::Explained;
 use crate::judge::family::with_kin;
@@ -73,6 +74,13 @@ impl<'j, 'a> Judgement<'j, 'a> {
         }
         let squared_gaps: Vec<f64> = shown.iter().map(|u| squared_gap(explained, u)).collect();
         let verdict = verdict(explained, &weighted, &squared_gaps, &gaps, config.material);
+        match verdict {
+            Verdict::Unknown => of_unknown(&mut weighted, &problem.settings.judge),
+            Verdict::None if weighted.first().is_some_and(|top| top.unknown) => {
+                of_immaterial(&mut weighted, &problem.settings.judge);
+            }
+            _ => {}
+        }
         Self { plant, actions, gaps, held_out, simulated, shares, shown, squared_gaps, weighted, verdict }
     }
 }
@@ -111,13 +119,13 @@ fn kin_is_more_probable(weighted: &[Weighted], probability: f64) -> bool {
 
 fn verdict(explained: &Explained, weighted: &[Weighted], squared_gaps: &[f64], gaps: &Gap, material: f64) -> Verdict {
     // If a simulation within its limits leaves less than a material gap, and stochastic effects make no more, nothing
-    // matters.
+    // matters, whatever closes the rest.
     let noise: f64 = squared_gaps.iter().sum();
     let immaterial = explained.ready.widened.is_some()
         && gaps.beyond_noise(gaps.within_limits) < material
         && noise < material * material;
     match weighted.first() {
-        Some(top) if immaterial && (top.unknown || explained.found.best.effects.is_empty()) => Verdict::None,
+        Some(_) if immaterial => Verdict::None,
         Some(top) if top.unknown && !kin_is_more_probable(weighted, top.probability) => Verdict::Unknown,
         Some(top) if !top.unknown && top.effects.is_empty() => Verdict::None,
         // Stochastic effects are not a part of the gap, which may be small although they matter.

@@ -1,6 +1,7 @@
 //! The conclusions from the fits: whether the explanation suffices, what the records can separate, how far the gap
 //! shrinks, and which experiment would tell more.
 
+pub(crate) mod calibration;
 pub(crate) mod crossed;
 mod experiments;
 pub(crate) mod explained;
