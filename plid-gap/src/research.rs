@@ -4,7 +4,7 @@
 
 pub use crate::audit::{Audit, audit};
 pub use crate::diagnose::explain::explain;
-pub use crate::fit::problem::{Placed, Problem};
+pub use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem};
 pub use crate::fit::refit::{Refit, STEPS as REFIT_STEPS, refit};
 pub use crate::judge::next_experiment::next_experiment;
 pub use crate::judge::separability::{Predicted, rivals};

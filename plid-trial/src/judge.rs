@@ -242,10 +242,12 @@ fn shrink(truth: &Truth, gap: f64) -> f64 {
     1.0 - (beyond(gap) / (given * given - floor * floor).max(1e-12)).sqrt()
 }
 
-/// Returns the probability of the likeliest candidate, and whether it is the truth.
+/// Returns the probability of the likeliest candidate, and whether it is the truth. If only imperfections are at work,
+/// "something else" is true as well, because no effect of the vocabulary makes their gap.
 fn likeliest(order: &[&Candidate], truth: &Truth, outside: bool) -> Option<(f64, bool)> {
     let top = order.first()?;
-    let hit = if outside { top.unknown } else { !top.unknown && same(truth, &top.effects) };
+    let imperfections = truth.gap_background.is_some() && truth.main().is_none();
+    let hit = if top.unknown { outside || imperfections } else { !outside && same(truth, &top.effects) };
     Some((top.probability?, hit))
 }
 
@@ -402,6 +404,13 @@ mod tests {
         let alarm = claim(json!({ "verdict": "effects", "effects": [named("clearance", "input:u2", 0.95)] }));
         let found = judge(&nothing, &[], &alarm, None);
         assert!(found.named && found.wrong && !found.right && found.top.is_none());
+        // Something else is at work only if there are imperfections.
+        let open = claim(json!({
+            "verdict": "unknown", "candidates": [{ "effects": [], "unknown": true, "probability": 0.8 }],
+        }));
+        let imperfect = Truth { gap_background: Some(0.03), ..nothing.clone() };
+        assert_eq!(judge(&nothing, &[], &open, None).top, Some((0.8, false)));
+        assert_eq!(judge(&imperfect, &[], &open, None).top, Some((0.8, true)));
         let missing = judge(&clearance(), &[], &Claim::missing(), None);
         assert_eq!(missing, Judged { said: "missing".to_owned(), shrinkable: true, ..Judged::default() });
     }

@@ -1,15 +1,15 @@
 //! Simpler methods that answer the same cases, for comparison with the diagnosis.
 
+mod bic;
 pub mod black_box;
 pub mod chance;
 mod linear;
-mod ranking;
 mod sparse;
 mod weights;
 
 use plid_gap::case::Limits;
 use plid_gap::case::{Case, Channels};
-use plid_gap::effects::{Library, Setting};
+use plid_gap::effects::Library;
 use plid_gap::research::{Fineness, Known, Plant, prepare, simulate};
 use plid_gap::{GapError, Outcome};
 use plid_model::Model;
@@ -24,9 +24,9 @@ use sparse::Sparse;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Baselines {
-    /// The candidates of the diagnosis ranked by BIC, without a test of whether the best is adequate.
+    /// The selection of effects by BIC, without a test of whether the best model is adequate.
     pub ranking: Claim,
-    /// This ranking for the second answer.
+    /// This selection for the second answer, from the reduced vocabulary.
     pub ranking_left_out: Option<Claim>,
     /// The baselines that require a simulation.
     pub fitted: Option<Fitted>,
@@ -61,22 +61,22 @@ fn wider(stated: &Limits) -> Limits {
     Limits { frequency: frequency * stated.frequency, damping: damping * stated.damping, shape: shape * stated.shape }
 }
 
-/// Answers a case with the baselines: with the vocabulary `library`, and a second time with a reduced one.
+/// Answers a case with the baselines, and a second time without some effects of the vocabulary, if any are named. A
+/// case without a simulation is answered with the one that the diagnosis used.
 pub(crate) fn answers(
     case: &Case,
     outcome: &Outcome,
-    left_out: Option<&Outcome>,
+    without: &[String],
     library: &Library,
 ) -> Result<Baselines, GapError> {
     let model = match &case.model {
         Some(model) => model.clone(),
-        // What the diagnosis itself took for the simulation is only good for names and counts here.
         None => Model::from_json(&outcome.simulation.linear, "sim-with-effect.json")?,
     };
-    let setting = Setting::bare(&Plant::new(&model)?, &model);
-    let rows: usize = outcome.shown.fitted.iter().map(|(_, _, samples)| samples * setting.plant.p).sum();
-    let ranked = |outcome: &Outcome| ranking::claim(&outcome.diagnosis, rows as f64, library, &setting);
-    let (ranking, ranking_left_out) = (ranked(outcome), left_out.map(ranked));
+    let with_model = Case { model: Some(model.clone()), ..case.clone() };
+    let ranking = bic::claim(&with_model, library, &[])?;
+    let second = (!without.is_empty()).then(|| bic::claim(&with_model, library, without));
+    let ranking_left_out = second.transpose()?;
     let fitted = case.model.is_some().then(|| fitted(case, &model)).transpose()?;
     Ok(Baselines { ranking, ranking_left_out, fitted })
 }

@@ -120,11 +120,11 @@ fn answerers(report: Report, scores: &Scores) -> Report {
         table = table.row([name.into()].into_iter().chain(cells).chain([dash()]));
     }
     report.heading("Compared with the baselines").table(table).paragraph(
-        "BIC alone: the candidates that the diagnosis fitted, ranked by BIC without any test of adequacy; it predicts \
-         with plid's simulation. Sparse regression: thresholded least squares on monomials of commands, outputs and \
-         motions at the ports. Linear refit: all modes almost without bounds; it names the frequency or damping that \
-         went furthest beyond the stated limits. The probabilities of all three are Schwarz weights, exp(-BIC / 2). \
-         Chance: one of the 34 names with equal probability.",
+        "BIC alone: effects of the full vocabulary, added one by one as long as BIC falls, without any test of \
+         adequacy; it predicts with plid's simulation. Sparse regression: thresholded least squares on monomials of \
+         commands, outputs and motions at the ports. Linear refit: all modes almost without bounds; it names the \
+         frequency or damping that went furthest beyond the stated limits. The probabilities of all three are Schwarz \
+         weights, exp(-BIC / 2). Chance: one of the 34 names with equal probability.",
     )
 }
 
