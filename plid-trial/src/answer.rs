@@ -38,7 +38,8 @@ pub(crate) const SECONDS: &str = "seconds.json";
 /// seconds.json.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Seconds {
+pub struct Seconds {
+    /// Duration of the diagnosis in s.
     pub seconds: f64,
 }
 

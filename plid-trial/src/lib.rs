@@ -29,13 +29,14 @@ pub mod truth;
 pub mod vocabulary;
 
 pub use ablation::{diagnose_without, score_without};
-pub use answer::{Answer, Answered};
+pub use answer::{Answer, Answered, Seconds};
 pub use config::TrialConfig;
 pub use diagnose::{Done, Options, diagnose, diagnose_with};
 pub use draw::{Drawn, draw};
 pub use error::TrialError;
-pub use manifest::config_of;
+pub use manifest::{DrawnCase, config_of};
 pub use merge::merge;
+pub use plan::Arm;
 pub use plid_work::Shard;
 pub use program::Program;
 pub use score::{Extent, score};

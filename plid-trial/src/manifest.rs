@@ -62,7 +62,7 @@ pub(crate) struct Seal {
 /// S/cases/CASE/drawn.json.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct DrawnCase {
+pub struct DrawnCase {
     /// The arm for which it was drawn.
     pub arm: Arm,
     /// The seed of the testbed.

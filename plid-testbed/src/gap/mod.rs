@@ -84,6 +84,19 @@ pub enum GapError {
         /// The nearest found.
         nearest: f64,
     },
+    /// The structure moves beyond the range of its converter and stays there.
+    #[error(
+        "y{}: the converter clips {samples} of {of} samples; a softening joint may be too strong. Another seed may not",
+        channel + 1
+    )]
+    Escaped {
+        /// Channel, from 0.
+        channel: usize,
+        /// Number of samples clipped.
+        samples: usize,
+        /// Number of samples of the record.
+        of: usize,
+    },
     /// The truss cannot be simulated.
     #[error(transparent)]
     Testbed(#[from] TestbedError),
@@ -137,6 +150,9 @@ pub struct GapCase {
 
 /// Steps within a sample for effects inside the structure and for slewing voltages.
 const STEPS_PER_SAMPLE: usize = 8;
+
+/// Largest share of a record that its converter may clip.
+const MOST_CLIPPED: f64 = 0.05;
 
 /// Draws a case. The same seed and spec give the same bits.
 ///
@@ -207,6 +223,11 @@ fn taken(
     config.check_for(drawn.base.modes.len(), planned.start + planned.commands.nrows())?;
     let noise = Noise::new(config, &plant, planned.index).of_inputs(inputs);
     let taken = record(config, &plant, planned.commands.view(), planned.clock(), Some(noise))?;
+    let of = taken.outputs.nrows();
+    let most = MOST_CLIPPED * of as f64;
+    if let Some(channel) = taken.clipped.iter().position(|&samples| samples as f64 > most) {
+        return Err(GapError::Escaped { channel, samples: taken.clipped[channel], of });
+    }
     Ok(GapRecord {
         excitation: planned.excitation,
         commands: planned.commands.slice(s![.., ..inputs]).to_owned(),

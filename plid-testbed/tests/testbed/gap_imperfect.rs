@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use plid_testbed::gap::{EffectSpec, GapSpec, PlantKind, draw};
+use plid_testbed::gap::{EffectSpec, GapError, GapSpec, PlantKind, draw};
 
 fn spec(plant: PlantKind) -> GapSpec {
     GapSpec { plant, length: 0.2, imperfections: 0.03, beyond_limits: 1.2, ..GapSpec::default() }
@@ -69,4 +69,18 @@ fn a_simulation_beyond_its_limits_is_said_to_be() {
     assert!((2..=9).contains(&count(3.0, "modal-frequency")));
     assert_eq!((count(0.1, "modal-frequency"), count(0.1, "modal-damping")), (0, 0));
     assert_eq!((count(0.1, "actuator-lag"), count(0.0, "actuator-lag")), (3, 0));
+}
+
+/// Many small softening effects and a joint are sound alone, and together they let a drone's arm escape: the record
+/// would end at the limit of the converter.
+#[test]
+fn a_structure_that_leaves_its_range_is_no_case() {
+    let spec = serde_json::json!({
+        "effects": [{ "kind": "iwan-joint", "at": null, "law": "kink", "gap": 0.12974246276088347 }],
+        "perturbed": true, "ports": true, "plant": "drone", "imperfections": 0.03720410490268835,
+        "beyond_limits": 1.4957656503235532, "families": "reported",
+    });
+    let spec: GapSpec = serde_json::from_value(spec).unwrap();
+    let refused = draw(5356576922480785513, &spec);
+    assert!(matches!(refused, Err(GapError::Escaped { .. })), "{:?}", refused.map(|case| case.label));
 }
