@@ -118,13 +118,20 @@ impl<'a> Explained<'a> {
     }
 
     /// Replaces an explanation that leaves most of the gap on held-out records by the refit, if no record shows the
-    /// noise level and the inputs do not predict what the refit leaves.
+    /// noise level and the inputs do not predict what the refit leaves. A refit may follow the records only beyond the
+    /// stated limits. An explanation that does so within them is kept.
     pub(crate) fn refuse_fits_to_noise(mut self) -> Self {
         let Prepared { problem, widened, quiet, .. } = &self.ready;
         let without = self.refitted.as_fit();
         let gap = |fit: &Fit| self.opened_gap(&fit.eta, &fit.effects);
-        let enough = |with: f64| with < problem.settings.judge.most_left * gap(&without);
-        if widened.is_none() || !quiet.is_empty() || self.fit().effects.is_empty() || enough(gap(&self.predicting())) {
+        if widened.is_none() || !quiet.is_empty() || self.fit().effects.is_empty() {
+            return self;
+        }
+        let within =
+            |fit: &Fit| clipped(problem, &fit.eta).map_or_else(|| gap(fit), |eta| self.opened_gap(&eta, &fit.effects));
+        let closes =
+            |of: &dyn Fn(&Fit) -> f64| of(&self.predicting()) < problem.settings.judge.most_left * of(&without);
+        if closes(&gap) || closes(&within) {
             return self;
         }
         let Some(unpredicted) = Unpredicted::of(problem, &without) else { return self };
