@@ -5,7 +5,7 @@ use plid_catalogue::Variant;
 use plid_core::{NoiseModel, ObservableForm, Settings};
 use plid_identify::{Ending, Paused, Plan, Samples, run};
 
-use crate::{fuzz, require_same, words};
+use crate::{fuzz, json, words};
 
 /// Samples of the record.
 const SAMPLES: usize = 12;
@@ -38,12 +38,10 @@ fn continued(paused: Option<&Paused>, until: usize) -> Result<Ending, plid_ident
 #[test]
 fn checkpoint() {
     fuzz("checkpoint", 1000, 5000, |bytes| {
-        let paused: Paused = match serde_json::from_slice(bytes) {
+        let paused: Paused = match json(bytes) {
             Ok(paused) => paused,
             Err(error) => return error.to_string(),
         };
-        let text = serde_json::to_string(&paused).unwrap();
-        require_same(&paused, &text, serde_json::from_str(&text));
         words(continued(Some(&paused), usize::MAX))
     });
 }

@@ -18,6 +18,8 @@ use std::fmt::Debug;
 use std::path::Path;
 
 use plid_fuzz::Target;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 /// Lets a reader read its corpus and mutations of it.
 fn fuzz(name: &'static str, memory: u64, executions: u64, read: fn(&[u8]) -> String) {
@@ -37,6 +39,14 @@ fn require_same<T: PartialEq + Debug>(value: &T, text: &str, again: Result<T, im
         Ok(again) => assert!(again == *value, "{value:?} is read back as {again:?} from {text}"),
         Err(error) => panic!("{value:?} is written as {text}, which is refused: {error:?}"),
     }
+}
+
+/// Reads JSON, and checks that an accepted value is written and read back the same.
+fn json<T: Serialize + DeserializeOwned + PartialEq + Debug>(bytes: &[u8]) -> Result<T, serde_json::Error> {
+    let value: T = serde_json::from_slice(bytes)?;
+    let text = serde_json::to_string(&value).unwrap();
+    require_same(&value, &text, serde_json::from_str(&text));
+    Ok(value)
 }
 
 /// A folder of this thread for readers that open files. It is in memory where the system has such a place.

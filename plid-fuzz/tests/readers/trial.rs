@@ -7,7 +7,7 @@ use plid_trial::judge::{Claim, judge};
 use plid_trial::truth::Truth;
 use plid_trial::{DrawnCase, Seconds};
 
-use crate::{fuzz, require_same, with_folder, words};
+use crate::{fuzz, json, with_folder, words};
 
 #[test]
 fn seal() {
@@ -96,24 +96,10 @@ fn label() {
 /// What was asked of the testbed, which draws the case again from it.
 #[test]
 fn drawn() {
-    fuzz("drawn", 2000, 5000, |bytes| {
-        let read = serde_json::from_slice::<DrawnCase>(bytes);
-        if let Ok(drawn) = &read {
-            let text = serde_json::to_string(drawn).unwrap();
-            require_same(drawn, &text, serde_json::from_str(&text));
-        }
-        words(read)
-    });
+    fuzz("drawn", 2000, 5000, |bytes| words(json::<DrawnCase>(bytes)));
 }
 
 #[test]
 fn seconds() {
-    fuzz("seconds", 2000, 5000, |bytes| {
-        let read = serde_json::from_slice::<Seconds>(bytes);
-        if let Ok(seconds) = &read {
-            let text = serde_json::to_string(seconds).unwrap();
-            require_same(seconds, &text, serde_json::from_str(&text));
-        }
-        words(read)
-    });
+    fuzz("seconds", 2000, 5000, |bytes| words(json::<Seconds>(bytes)));
 }
