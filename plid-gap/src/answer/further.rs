@@ -1,11 +1,11 @@
-//! The probabilities of effects beside the largest one in an imperfect simulation. Likelihoods do not say how often a
-//! small effect beside a large one is an error of the simulation that only resembles it; blind trials do.
+//! The probabilities of effects other than the largest one in an imperfect simulation. Likelihoods do not say how often
+//! such an effect is an error of the simulation that only resembles it; blind trials do.
 
 use crate::answer::schema::{Explanation, Located};
 use crate::settings::JudgeSettings;
 
-/// Divides the probability of each explanation with several effects, in an imperfect simulation: the rest belongs to
-/// its largest effect alone, which is `main` if it has that one.
+/// Divides the probability of each explanation with several effects between it and its largest effect alone, which is
+/// `main` if the explanation contains it.
 pub(crate) fn divided(
     explanations: impl Iterator<Item = Explanation>,
     main: Option<&Located>,

@@ -234,7 +234,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         let (fit, gap) = (self.explained.predicting(), &self.judged.gaps);
         let follows =
             gap.with_effect <= self.explained.ready.problem.settings.judge.no_worse * gap.as_given.min(gap.refit);
-        // An effect that makes an immaterial gap is not named, and yet it predicts.
+        // An effect that makes an immaterial gap is not named, but it is part of the prediction.
         let named = self.judged.weighted.first().is_some_and(|top| !top.effects.is_empty());
         if (self.judged.verdict == Verdict::None && !named) || !follows {
             let given = vec![0.0; fit.eta.len()];

@@ -97,14 +97,20 @@ mod tests {
     use crate::simulate::{Fineness, State, simulate};
     use nalgebra::dmatrix;
 
-    /// Of one input and one output, a delay of the command and one of the measurement are the same, also where the
-    /// record ends far from where it began.
-    #[test]
-    fn a_late_sensor_is_a_late_command() {
+    /// A damped mass, seen by its position.
+    fn cart() -> (Plant, Setting) {
         let (a, b) = crate::testing::held(&dmatrix![0.0, 1.0; 0.0, -2.0], &dmatrix![0.0; 1.0], 1.0 / 500.0);
         let model = plid_model::Model::new(500.0, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap();
         let plant = Plant::new(&model).unwrap();
         let setting = Setting::bare(&plant, &model);
+        (plant, setting)
+    }
+
+    /// Of one input and one output, a delay of the command and one of the measurement are the same, also where the
+    /// record ends far from where it began.
+    #[test]
+    fn a_late_sensor_is_a_late_command() {
+        let (plant, setting) = cart();
         let u = crate::testing::random_input(4, 1500, 1);
         let delayed = |effect: &dyn Effect, place: Place| {
             let actions = effect.act(&setting, &place, &[1.6]);
@@ -122,10 +128,7 @@ mod tests {
     /// A plant that was displaced before the record began shows no step of its sensor.
     #[test]
     fn a_displaced_plant_begins_without_a_step() {
-        let (a, b) = crate::testing::held(&dmatrix![0.0, 1.0; 0.0, -2.0], &dmatrix![0.0; 1.0], 1.0 / 500.0);
-        let model = plid_model::Model::new(500.0, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap();
-        let plant = Plant::new(&model).unwrap();
-        let setting = Setting::bare(&plant, &model);
+        let (plant, setting) = cart();
         let start = State { rest: vec![3.0, 0.0], ..State::rest(&plant) };
         for (effect, parameter) in [(&SensorDelay as &dyn Effect, 1.6), (&crate::effects::SensorLag, 20.0)] {
             let actions = effect.act(&setting, &Place::Output(0), &[parameter]);

@@ -97,9 +97,11 @@ impl Setting {
         if self.plant.controller.is_some() {
             return Vec::new();
         }
-        let commands = |place: &Place| self.plant.commands_position(self.port(place));
-        let inputs = self.loads().into_iter().filter(commands);
-        inputs.filter_map(|place| if let Place::Input(i) = place { Some(Place::Loop(i)) } else { None }).collect()
+        let of = |place: Place| match place {
+            Place::Input(i) if self.plant.commands_position(self.port(&place)) => Some(Place::Loop(i)),
+            _ => None,
+        };
+        self.loads().into_iter().filter_map(of).collect()
     }
 
     /// Returns the locations of internal forces: the ports of the inputs, then the other ports.

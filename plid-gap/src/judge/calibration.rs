@@ -7,7 +7,7 @@ use crate::settings::JudgeSettings;
 /// Gives something else the probability with which such a verdict is right. The first explanation is something else.
 pub(crate) fn of_unknown(weighted: &mut [Weighted], settings: &JudgeSettings) {
     let Some((unknown, others)) = weighted.split_first_mut() else { return };
-    if unknown.probability >= settings.unknown_right || unknown.probability >= 1.0 {
+    if unknown.probability >= settings.unknown_right {
         return;
     }
     let factor = (1.0 - settings.unknown_right) / (1.0 - unknown.probability);

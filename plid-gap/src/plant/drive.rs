@@ -18,11 +18,16 @@ impl Plant {
     /// Returns whether an input is the position that its own port shall have: at rest, the port is there.
     pub fn commands_position(&self, port: usize) -> bool {
         let Some(input) = self.ports[port].input.filter(|_| self.mobility(port) > 0.0) else { return false };
-        let mut coupled = self.clone();
-        coupled.couple();
-        let Some((a, b)) = &coupled.rest.continuous else { return false };
-        let at_rest = a.clone().lu().solve(&-b.column(input).into_owned());
-        at_rest.is_some_and(|x| (coupled.ports[port].displacement_rest.dot(&x) - 1.0).abs() < FOLLOWS)
+        let Some((a, b)) = &self.rest.continuous else { return false };
+        let port = &self.ports[port];
+        let modes = self.modes.iter().zip(&port.displacement);
+        let modes: f64 = modes.map(|(mode, row)| -2.0 * (row * mode.b[input] / mode.pole).re).sum();
+        let rest = if a.is_empty() {
+            Some(0.0)
+        } else {
+            a.clone().lu().solve(&b.column(input)).map(|x| -port.displacement_rest.dot(&x))
+        };
+        rest.is_some_and(|rest| (modes + rest - 1.0).abs() < FOLLOWS)
     }
 
     /// Lets the force that accelerates a port follow through a lag with this pole in rad/s. Nothing changes without a

@@ -58,8 +58,8 @@ group! {
         /// Probability of something else where it is the verdict. Of 47 such answers in development, 40 were right. The
         /// verdict itself does not depend on it.
         unknown_right: f64 = 0.85, "1", 0.0..=1.0;
-        /// Probability that an effect beside the largest one is at work in an imperfect simulation, over that by
-        /// likelihoods. Of 18 such explanations in development, most of them by two effects, 13 were right.
+        /// Factor of the probability of each effect other than the largest one in an imperfect simulation. Of 18
+        /// explanations by several effects in development, most of them by two, 13 were right.
         further_right: f64 = 0.85, "1", 0.0..=1.0;
         /// Amplitude that an explanation may leave of the gap beyond noise and limits. With imperfect truths the true
         /// causes left 0.03 to 0.36, and imitations of a cause outside the vocabulary 0.70 or more.

@@ -21,19 +21,33 @@ const FITTED: usize = 10;
 /// The effort of these fits, which is that of the first fits of a diagnosis.
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 
-/// Answers a case with a simulation, without some effects of the vocabulary.
-pub(super) fn claim(case: &Case, library: &Library, without: &[String]) -> Result<Claim, GapError> {
-    let audit = audit(case, library, &[], &mut |_| {})?;
-    let Some(model) = &audit.case.model else { return Ok(Claim::missing()) };
-    let ready = prepare(model, &audit.case.records, &audit.known)?;
-    let excluded = [&audit.case.config.exclude, without].concat();
-    let heads = ready.problem.head(ready.problem.settings.search.first_samples, &ready.noise);
-    let candidates = candidates(&heads, library, &|placed| excluded.iter().any(|name| name == placed.effect.name()));
-    let Some(first) = candidates.first() else { return Ok(Claim::missing()) };
-    let sure = |named: &Named| Named { confidence: Some(at_work(&candidates, named)), ..named.clone() };
-    let effects: Vec<Named> = first.effects.iter().map(sure).collect();
-    let verdict = if effects.is_empty() { "none" } else { "effects" };
-    Ok(Claim { verdict: verdict.to_owned(), effects, candidates, gap: Stated::default() })
+/// A case with a simulation, prepared for answers.
+pub(super) struct Asked {
+    /// The first samples of its records.
+    heads: Problem,
+    /// Names of the effects that the case excludes.
+    excluded: Vec<String>,
+}
+
+impl Asked {
+    pub(super) fn new(case: &Case, library: &Library) -> Result<Self, GapError> {
+        let audit = audit(case, library, &[], &mut |_| {})?;
+        let model = audit.case.model.as_ref().expect("an audited case has a simulation");
+        let ready = prepare(model, &audit.case.records, &audit.known)?;
+        let heads = ready.problem.head(ready.problem.settings.search.first_samples, &ready.noise);
+        Ok(Self { heads, excluded: audit.case.config.exclude })
+    }
+
+    /// Answers without some effects of the vocabulary.
+    pub(super) fn claim(&self, library: &Library, without: &[String]) -> Claim {
+        let excluded = |placed: &Placed| self.excluded.iter().chain(without).any(|name| name == placed.effect.name());
+        let candidates = candidates(&self.heads, library, &excluded);
+        let Some(first) = candidates.first() else { return Claim::missing() };
+        let sure = |named: &Named| Named { confidence: Some(at_work(&candidates, named)), ..named.clone() };
+        let effects: Vec<Named> = first.effects.iter().map(sure).collect();
+        let verdict = if effects.is_empty() { "none" } else { "effects" };
+        Claim { verdict: verdict.to_owned(), effects, candidates, gap: Stated::default() }
+    }
 }
 
 /// Returns all models that were fitted, with their weights.
@@ -132,7 +146,7 @@ mod tests {
     fn effects_are_added_as_long_as_bic_falls() {
         let library = Library::standard();
         let names = |gain: f64, offset: f64| -> Vec<String> {
-            let claim = claim(&case(gain, offset), &library, &[]).unwrap();
+            let claim = Asked::new(&case(gain, offset), &library).unwrap().claim(&library, &[]);
             let all: f64 = claim.candidates.iter().filter_map(|c| c.probability).sum();
             assert!((all - 1.0).abs() < 1e-9 && claim.candidates.iter().all(|c| !c.unknown));
             assert!(claim.effects.iter().all(|e| e.confidence.is_some_and(|p| p > 0.0)));
@@ -142,7 +156,7 @@ mod tests {
         assert_eq!(names(1.0, 0.4), ["sensor-offset"]);
         let both = names(1.3, 0.4);
         assert!(both.iter().any(|name| name == "sensor-offset") && both.len() > 1, "{both:?}");
-        let reduced = claim(&case(1.0, 0.4), &library, &["sensor-offset".into()]).unwrap();
+        let reduced = Asked::new(&case(1.0, 0.4), &library).unwrap().claim(&library, &["sensor-offset".into()]);
         assert!(reduced.candidates.iter().flat_map(|c| &c.effects).all(|e| e.effect != "sensor-offset"));
     }
 }

@@ -74,9 +74,9 @@ pub(crate) fn answers(
         None => Model::from_json(&outcome.simulation.linear, "sim-with-effect.json")?,
     };
     let with_model = Case { model: Some(model.clone()), ..case.clone() };
-    let ranking = bic::claim(&with_model, library, &[])?;
-    let second = (!without.is_empty()).then(|| bic::claim(&with_model, library, without));
-    let ranking_left_out = second.transpose()?;
+    let asked = bic::Asked::new(&with_model, library)?;
+    let ranking = asked.claim(library, &[]);
+    let ranking_left_out = (!without.is_empty()).then(|| asked.claim(library, without));
     let fitted = case.model.is_some().then(|| fitted(case, &model)).transpose()?;
     Ok(Baselines { ranking, ranking_left_out, fitted })
 }
