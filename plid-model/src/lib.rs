@@ -10,6 +10,7 @@ mod feedback;
 mod file;
 mod frequency_response;
 mod hessenberg;
+mod hold;
 mod initial_state;
 mod json;
 mod kalman;
@@ -34,6 +35,7 @@ pub use compare::{CompareOptions, Comparison, NamedModel, OutputScore, Record, R
 pub use error::{KeyProblem, ModelError};
 pub use feedback::{Wiring, close_loop};
 pub use frequency_response::{FrequencyResponse, frequency_response};
+pub use hold::{exponential, held};
 pub use initial_state::{InitialState, estimate_initial_state, estimate_predictor_state};
 pub use kalman::{Filtered, NoiseCovariances, kalman_filter};
 pub use modes::{Mode, ModeKind, modes};

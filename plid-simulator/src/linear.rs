@@ -1,7 +1,7 @@
 use std::collections::HashMap;
 
 use nalgebra::{DMatrix, DVector};
-use plid_model::Model;
+use plid_model::{Model, held};
 
 use crate::{Description, Input, Motion, Output, Port, Simulator, SimulatorError};
 
@@ -91,17 +91,6 @@ impl Linear {
 fn columns(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     let at = |i: usize, j: usize| if j < left.ncols() { left[(i, j)] } else { right[(i, j - left.ncols())] };
     DMatrix::from_fn(left.nrows(), left.ncols() + right.ncols(), at)
-}
-
-/// Returns the matrices of dx/dt = A x + B u over a step with held inputs, by the exponential of [A B; 0 0] (Van Loan,
-/// IEEE Trans. Automatic Control 23, 1978).
-fn held(a: &DMatrix<f64>, b: &DMatrix<f64>, step: f64) -> (DMatrix<f64>, DMatrix<f64>) {
-    let (n, m) = b.shape();
-    let mut whole = DMatrix::zeros(n + m, n + m);
-    whole.view_mut((0, 0), (n, n)).copy_from(&(a * step));
-    whole.view_mut((0, n), (n, m)).copy_from(&(b * step));
-    let whole = whole.exp();
-    (whole.view((0, 0), (n, n)).into_owned(), whole.view((0, n), (n, m)).into_owned())
 }
 
 impl Simulator for Linear {

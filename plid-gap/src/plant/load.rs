@@ -118,12 +118,7 @@ impl Plant {
 
 /// Returns a block of states with inputs that are held over a step.
 pub(super) fn held(a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, step: f64) -> NonModal {
-    let (r, m) = b.shape();
-    let mut whole = DMatrix::zeros(r + m, r + m);
-    whole.view_mut((0, 0), (r, r)).copy_from(&(&a * step));
-    whole.view_mut((0, r), (r, m)).copy_from(&(&b * step));
-    let whole = whole.exp();
-    let (over, entered) = (whole.view((0, 0), (r, r)).into_owned(), whole.view((0, r), (r, m)).into_owned());
+    let (over, entered) = plid_model::held(&a, &b, step);
     NonModal { a: over, b: entered, c, continuous: Some((a, b)) }
 }
 

@@ -294,7 +294,7 @@ fn held_and_ramp(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64) -> (DMatrix<f64>, D
     whole.view_mut((0, 0), (r, r)).copy_from(&(a * h));
     whole.view_mut((0, r), (r, m)).copy_from(&(b * h));
     whole.view_mut((r, r + m), (m, m)).fill_with_identity();
-    let whole = whole.exp();
+    let whole = plid_model::exponential(&whole);
     (
         whole.view((0, 0), (r, r)).into_owned(),
         whole.view((0, r), (r, m)).into_owned(),

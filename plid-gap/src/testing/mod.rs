@@ -9,6 +9,7 @@ mod unquiet;
 
 use nalgebra::DMatrix;
 use plid_model::Model;
+pub use plid_model::held;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -17,7 +18,7 @@ use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::case::{Case, CaseConfig};
 use crate::effects::Library;
 use crate::testing::truss::Truss;
-pub use crate::testing::truss::{RATE, Sensor, held};
+pub use crate::testing::truss::{RATE, Sensor};
 
 /// Frequencies in Hz and damping ratios of the modes.
 pub const MODES: [(f64, f64); 4] = [(58.0, 0.01), (137.0, 0.008), (186.0, 0.012), (243.0, 0.006)];

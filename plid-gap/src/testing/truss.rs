@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::{DMatrix, DVector};
-use plid_model::{Continuous, Model, Port};
+use plid_model::{Continuous, Model, Port, held};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -175,14 +175,4 @@ impl Truss {
         model.noise.actuator_std = Some(vec![0.005; m]);
         model
     }
-}
-
-/// Integrates dx/dt = a x + b u over a time with a held u: the factors of x and of u.
-pub fn held(a: &DMatrix<f64>, b: &DMatrix<f64>, time: f64) -> (DMatrix<f64>, DMatrix<f64>) {
-    let (n, m) = b.shape();
-    let mut whole = DMatrix::zeros(n + m, n + m);
-    whole.view_mut((0, 0), (n, n)).copy_from(&(a * time));
-    whole.view_mut((0, n), (n, m)).copy_from(&(b * time));
-    let whole = whole.exp();
-    (whole.view((0, 0), (n, n)).into_owned(), whole.view((0, n), (n, m)).into_owned())
 }

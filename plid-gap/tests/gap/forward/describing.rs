@@ -11,9 +11,10 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Complex, DMatrix, DVector};
 use plid_gap::effects::{Library, Place};
 use plid_gap::research::{Fineness, simulate};
+use plid_model::held;
 
 use super::Rig;
-use crate::truss::{RATE, held};
+use crate::truss::RATE;
 
 type C = Complex<f64>;
 

@@ -7,11 +7,11 @@ use std::f64::consts::TAU;
 use nalgebra::{DMatrix, DVector, dmatrix};
 use plid_gap::effects::{Effect, Library, Place, Setting};
 use plid_gap::research::{Fineness, Plant, simulate};
-use plid_model::Model;
+use plid_model::{Model, held};
 use plid_model::signal::rms;
 
 use super::{Check, MODES, Rig, T0};
-use crate::truss::{RATE, Sensor, Truss, held};
+use crate::truss::{RATE, Sensor, Truss};
 use crate::truth::{self, Channels, Equations, Joint, Motion};
 
 /// In plid-gap, forces are linear in time over an eighth of a sample: an error of second order in that step, which
