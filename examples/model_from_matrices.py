@@ -2,6 +2,7 @@
 
     python3 examples/model_from_matrices.py MATRICES.npz --rate 500 --kind position --out model.json
     python3 examples/model_from_matrices.py --mujoco arm.xml --rate 500 --kind position --out model.json
+    python3 examples/model_from_matrices.py --urdf arm.urdf --rate 500 --kind position --out model.json
 
 MATRICES.npz holds, with n coordinates q:
 
@@ -11,9 +12,10 @@ MATRICES.npz holds, with n coordinates q:
     ports      n x r     the direction of each port: its force acts along it, its displacement is measured along it
     input_names, output_names, port_names   optional lists of words
 
-From a MuJoCo model, the inputs are the actuators, and each joint is an output and a port. The model is linearised at
-its initial position; only hinges and slides are allowed, and contacts are left out. Needs NumPy and SciPy, and
-`mujoco` for the second form.
+From a MuJoCo model, the inputs are the actuators, and each joint is an output and a port. A URDF has no actuators: each
+joint that is not fixed gets a motor, whose input is its force or torque. The model is linearised at its initial
+position; only hinges and slides are allowed, and contacts are left out. Needs NumPy and SciPy, and `mujoco` for the
+last two forms.
 """
 
 import argparse
@@ -30,7 +32,24 @@ def from_mujoco(path):
     """The matrices of a MuJoCo model at its initial position."""
     import mujoco
 
-    model = mujoco.MjModel.from_xml_path(path)
+    return linearised(mujoco.MjModel.from_xml_path(path), path)
+
+
+def from_urdf(path):
+    """The matrices of a robot with a motor at each joint, at its initial position. Meshes are left out."""
+    import mujoco
+
+    spec = mujoco.MjSpec.from_file(path)
+    for joint in spec.joints:
+        motor = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.set_to_motor()
+    return linearised(spec.compile(), path)
+
+
+def linearised(model, path):
+    """The matrices of a compiled MuJoCo model at its initial position."""
+    import mujoco
+
     data = mujoco.MjData(model)
     if model.nq != model.nv:
         sys.exit(f"{path}: only hinges and slides have matrices; remove free and ball joints")
@@ -122,13 +141,20 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("matrices", nargs="?", help="an .npz file with the matrices")
     parser.add_argument("--mujoco", metavar="XML", help="a MuJoCo model in place of the matrices")
+    parser.add_argument("--urdf", metavar="URDF", help="a robot in place of the matrices, with a motor at each joint")
     parser.add_argument("--rate", type=float, required=True, help="sample rate of the records in Hz")
     parser.add_argument("--kind", choices=["position", "velocity", "acceleration"], required=True)
     parser.add_argument("--out", required=True, metavar="FILE")
     arguments = parser.parse_args()
-    if (arguments.matrices is None) == (arguments.mujoco is None):
-        parser.error("give either MATRICES.npz or --mujoco XML")
-    matrices = from_mujoco(arguments.mujoco) if arguments.mujoco else dict(np.load(arguments.matrices))
+    given = [arguments.matrices, arguments.mujoco, arguments.urdf]
+    if sum(path is not None for path in given) != 1:
+        parser.error("give one of MATRICES.npz, --mujoco XML and --urdf URDF")
+    if arguments.mujoco:
+        matrices = from_mujoco(arguments.mujoco)
+    elif arguments.urdf:
+        matrices = from_urdf(arguments.urdf)
+    else:
+        matrices = dict(np.load(arguments.matrices))
     missing = [key for key in ["M", "C", "K", "inputs", "outputs", "ports"] if key not in matrices]
     if missing:
         sys.exit(f"{arguments.matrices}: no array {', '.join(missing)}")
