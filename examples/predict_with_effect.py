@@ -241,7 +241,7 @@ FORCES = {
     "stick-friction": lambda d, v, z, p: 0.0 if v == 0 else
         -math.copysign(p["Fc"] + (p["Fs"] - p["Fc"]) * math.exp(-(v / p["vs"])**2), v),
     "iwan-joint": lambda d, v, z, p: p["k"] * (p["s"] * d - np.sum(p["shares"] * z)),
-    "joint-hysteresis": lambda d, v, z, p: -p["k"] * z,
+    "joint-hysteresis": lambda d, v, z, p: p["k"] * (p.get("s", 0.0) * d - z),
     "free-stiffness": lambda d, v, z, p: -p["size"] * bend(d / p["unit"], p["s"]),
     "free-damping": lambda d, v, z, p: -p["size"] * free_rate(v / p["unit"], p["s"]),
 }

@@ -22,6 +22,7 @@ pub(crate) fn divided(
             unknown: false,
             probability: explanation.probability * (1.0 - all),
             gap_after: None,
+            wiring: None,
         };
         vec![Explanation { probability: explanation.probability * all, ..explanation }, alone]
     };
@@ -38,7 +39,7 @@ mod tests {
 
     fn explanation(effects: &[&str], probability: f64) -> Explanation {
         let effects = effects.iter().map(|effect| at(effect)).collect();
-        Explanation { effects, unknown: false, probability, gap_after: None }
+        Explanation { effects, unknown: false, probability, gap_after: None, wiring: None }
     }
 
     #[test]

@@ -113,6 +113,9 @@ pub struct Explanation {
     pub probability: f64,
     /// Expected gap with it, if it is a fit.
     pub gap_after: Option<f64>,
+    /// How the channels are taken, if not as in the answer: as recorded, or with a mismatch corrected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wiring: Option<String>,
 }
 
 /// Where the gap lies.

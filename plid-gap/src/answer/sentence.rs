@@ -4,6 +4,7 @@ use plid_report::Cell;
 
 use crate::answer::schema::{Family, Gap, NamedEffect};
 use crate::effects::Observation;
+use crate::judge::lacking_states::LackingStates;
 use crate::judge::locate::Map;
 use crate::judge::verdict::Verdict;
 use crate::settings::AnswerSettings;
@@ -46,6 +47,8 @@ pub(crate) struct Said<'s> {
     pub seen: bool,
     /// The gap that stochastic effects make, if nothing else is named and the simulation is imperfect as a whole.
     pub noise_alone: Option<f64>,
+    /// The states that the simulation lacks, if that is what is missing.
+    pub lacking: Option<LackingStates>,
     /// Where the remainder lies, if the simulation is imperfect as a whole.
     pub remains: Option<&'s str>,
     /// The thresholds of the sentences.
@@ -63,6 +66,7 @@ pub(crate) fn sentence(verdict: Verdict, said: &Said) -> String {
             "Nothing is missing: within its stated limits the simulation explains the records down to {refit} \
             ({noise})."
         ),
+        Verdict::Unknown if said.lacking.is_some() => said.lacks_states(),
         Verdict::Unknown if nearest.is_empty() => format!(
             "Something outside the vocabulary: no effect explains the gap of {given}, of which a refit leaves {refit} \
             ({noise})."
@@ -89,6 +93,26 @@ impl Said<'_> {
         } else {
             "the noise level cannot be determined from these records".to_string()
         }
+    }
+
+    fn lacks_states(&self) -> String {
+        let Some(LackingStates { states, needed, gap }) = self.lacking else { return String::new() };
+        let of_nearest = if self.nearest.is_empty() {
+            String::new()
+        } else {
+            format!(
+                "; with the nearest effects, {}, {} remains",
+                self.nearest.join(" and "),
+                percent(self.gap.with_effect)
+            )
+        };
+        format!(
+            "The simulation has too few states, and no effect takes their place: a linear model with {needed} instead \
+            of {states}, identified from the fitted records, leaves {} of a gap of {} ({}){of_nearest}.",
+            percent(gap),
+            percent(self.gap.as_given),
+            self.noise(),
+        )
     }
 
     /// Returns whether effects were found, but all of the gap is too small to matter.

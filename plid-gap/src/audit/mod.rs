@@ -63,6 +63,17 @@ impl Audit {
 }
 
 impl Audit {
+    /// Returns the audit with the channels as they were recorded; `None` if nothing was corrected.
+    ///
+    /// # Errors
+    /// Those of the first audit.
+    pub(crate) fn as_recorded(&self, case: &Case, library: &Library) -> Result<Option<Self>, GapError> {
+        let Some(corrected) = self.put_right() else { return Ok(None) };
+        let mismatch = Some(Mismatch { explains: false, ..corrected.clone() });
+        let before = Self { mismatch, ..self.clone() };
+        look(case, library, &[], &self.known.off, Some(&before), &mut |_| {}).map(Some)
+    }
+
     /// Returns the assumed course of the inputs between the samples.
     pub(crate) fn intersample(&self) -> Intersample {
         self.surrogate.as_ref().map_or(Intersample::Zoh, |surrogate| surrogate.intersample)

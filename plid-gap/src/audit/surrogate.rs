@@ -8,16 +8,16 @@
 
 use std::sync::Arc;
 
-use ndarray::Array2;
 use plid_model::Model;
-use plid_refine::{Candidate, Noise, Options, RefineError, Start, free_run_error};
+use plid_refine::{Options, RefineError, free_run_error};
 
-use crate::case::record::{Excitation, Record};
+use crate::case::record::{Channels, Excitation, Record};
 use crate::case::split::driven;
 use crate::case::{Case, Intersample, Limits};
 use crate::effects::Setting;
 use crate::error::GapError;
 use crate::fit::free_run::run;
+use crate::fit::linear_model::{Arrays, matrix, of_states, options};
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::Problem;
 use crate::noise::NoiseModel;
@@ -31,9 +31,6 @@ const MOST_STATES: usize = 40;
 
 /// Least share of an output's power that rounding leaves.
 const ROUNDING: f64 = 1e-20;
-
-/// Largest number of steps of the refinement.
-const ITERATIONS: usize = 60;
 
 /// A surrogate model for a case without a simulation.
 #[derive(Debug, Clone)]
@@ -103,27 +100,10 @@ fn either_hold(
 /// Identifies the best linear model of records, or of the simulator's outputs for them. Returns it with its relative
 /// free-run error on all of them.
 fn linear(case: &Case, fitted: &[Record], of_simulator: bool) -> Result<(Linear, f64), GapError> {
-    let target = |record: &Record| match &record.simulated {
-        Some(simulated) if of_simulator => matrix(simulated),
-        _ => matrix(&record.y),
-    };
-    let arrays: Vec<(Array2<f64>, Array2<f64>)> = fitted.iter().map(|r| (matrix(&r.u), target(r))).collect();
-    let records: Vec<plid_refine::Record<'_>> = fitted
-        .iter()
-        .zip(&arrays)
-        .map(|(record, (u, y))| plid_refine::Record {
-            inputs: u.view(),
-            outputs: y.view(),
-            start: if record.from_rest { Start::Rest } else { Start::Unknown },
-        })
-        .collect();
-    let options = Options {
-        radius: plid_refine::slowest_radius(&records),
-        // It is unknown whether the simulator responds at once.
-        feedthrough: true,
-        iterations: ITERATIONS,
-        noise: Noise::White,
-    };
+    let target = |record| simulated_or_measured(record, of_simulator);
+    let arrays = Arrays::new(fitted.iter().collect(), target);
+    let records = arrays.records();
+    let options = options(&records);
     let (rate, settings) = (case.config.rate(), &case.config.settings.audit);
     // A start that is judged by the tails of the records must not have been fitted to them.
     let head = plid_refine::head(&records).map_err(failed)?;
@@ -135,6 +115,11 @@ fn linear(case: &Case, fitted: &[Record], of_simulator: bool) -> Result<(Linear,
     };
     let error = relative(&linear.std, &arrays);
     Ok((linear, error))
+}
+
+/// Returns the outputs that a model is to give: those of the engineer's simulator, or the measured ones.
+fn simulated_or_measured(record: &Record, of_simulator: bool) -> &Channels {
+    record.simulated.as_ref().filter(|_| of_simulator).unwrap_or(&record.y)
 }
 
 /// Returns the records from which a model is identified: those that are set aside for it, or else those that are
@@ -192,9 +177,7 @@ fn fitted_best(
     rate: f64,
     options: &Options,
 ) -> Result<Linear, GapError> {
-    let start = plid_refine::subspace(head, states, None, rate, options).map_err(failed)?.model;
-    let starts = [Candidate { name: "subspace".into(), model: start }];
-    let choice = plid_refine::best_of(&starts, records, options, &|_, _| true).map_err(failed)?;
+    let choice = of_states(head, records, states, rate, options).map_err(failed)?;
     let std = choice.refined.residual_variances.iter().map(|variance| variance.sqrt()).collect();
     let validation_error = choice.scores[choice.chosen].error;
     Ok(Linear { model: choice.refined.model, std, validation_error })
@@ -290,17 +273,13 @@ fn words(model: &Model, chosen: &[Record], of_simulator: bool, errors: [f64; 2],
 }
 
 /// Returns the RMS of the free-run error, each output scaled to unit RMS.
-fn relative(std: &[f64], arrays: &[(Array2<f64>, Array2<f64>)]) -> f64 {
+fn relative(std: &[f64], arrays: &Arrays) -> f64 {
     let share = |o: usize| {
-        let all = arrays.iter().flat_map(|(_, y)| y.column(o).to_vec()).filter(|y| y.is_finite());
+        let all = arrays.outputs().flat_map(|y| y.column(o).to_vec()).filter(|y| y.is_finite());
         let (sum, count) = all.fold((0.0, 0.0), |(s, n), y| (s + y * y, n + 1.0));
         std[o] * std[o] * count / f64::max(sum, f64::MIN_POSITIVE)
     };
     ((0..std.len()).map(share).sum::<f64>() / std.len() as f64).sqrt()
-}
-
-fn matrix(channels: &[Vec<f64>]) -> Array2<f64> {
-    Array2::from_shape_fn((channels[0].len(), channels.len()), |(k, c)| channels[c][k])
 }
 
 fn failed(error: RefineError) -> GapError {

@@ -15,13 +15,13 @@ use crate::judge::verdict::{Adequacy, FitFigures, adequacy, least_unknown, outsi
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
 use crate::search::course::not_of_time;
+use crate::search::levels::by_level;
 use crate::search::linear_cause;
 use crate::search::modal::dominant;
 use crate::search::rules::{Rules, Scope};
 use crate::search::shape::{FreeShapeFit, fewer, free_shape, renamed};
 use crate::search::stage::{SearchStage, polish};
-use crate::search::stepwise::{Search, search, straighten};
-use crate::search::windows::Windows;
+use crate::search::stepwise::{Search, straighten};
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
 use plid_report::percent;
@@ -140,18 +140,7 @@ impl<'a> Searched<'a> {
         stage: &OnceCell<SearchStage<'a>>,
         say: &mut dyn FnMut(String),
     ) -> Self {
-        let mut quick = ready.problem.head(scope.settings.first_samples, &ready.noise);
-        let windows = Windows::choose(&quick, refitted);
-        for problem in [&mut ready.problem, &mut quick] {
-            problem.strong = windows.is_some();
-            problem.nuisance.ports_follow = problem.few();
-        }
-        if let Some(Windows { samples, each }) = windows {
-            say(format!("windows of {samples} samples, up to {each} of each record"));
-            quick = quick.windows(samples, each, &ready.noise);
-        }
-        let noise = windows.is_some().then_some(&ready.noise);
-        let mut found = search(&mut ready.problem, &mut quick, noise, refitted, scope, stage, say);
+        let (quick, mut found) = by_level(&mut ready.problem, &ready.noise, refitted, scope, stage, say);
         if ready.widened.is_some() {
             let plain = Scope { bold: false, ..scope.clone() };
             straighten(&ready.problem, &quick, &mut found, &plain, say);

@@ -170,6 +170,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             unknown: w.unknown,
             probability: w.probability,
             gap_after: w.cost.map(|cost| gaps.noise_floor * (cost / factor).max(0.0).sqrt()),
+            wiring: None,
         };
         let together = joined(weighted.iter().map(explanation).collect());
         if ready.widened.is_none() {
@@ -182,7 +183,7 @@ impl<'f, 'a> Finding<'f, 'a> {
     /// Returns the answer in a few sentences.
     fn sentence(&self, effects: &[NamedEffect], rivals: &[Rival]) -> String {
         let Explained { ready, found, level, .. } = self.explained;
-        let Judgement { gaps, shown, squared_gaps, verdict, .. } = &self.judged;
+        let Judgement { gaps, shown, squared_gaps, verdict, lacking, .. } = &self.judged;
         let (names, best) = (&ready.problem.setting.names, &found.best.effects);
         let nearest: Vec<String> = best.iter().map(|placed| in_words(std::slice::from_ref(placed), names)).collect();
         let dropped = of_dropped(shown, squared_gaps);
@@ -203,6 +204,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             gap: gaps,
             material: self.audit.case.config.material,
             noise_alone: (best.is_empty() && ready.widened.is_some()).then(|| squared_gaps.iter().sum::<f64>().sqrt()),
+            lacking: *lacking,
             seen: level.seen || self.explained.unpredicted.is_some(),
             remains: remains.as_deref(),
             settings,
@@ -271,6 +273,7 @@ mod tests {
             unknown,
             probability,
             gap_after: None,
+            wiring: None,
         };
         let all = [
             explanation(&["actuator-lag"], false, 0.4),

@@ -3,6 +3,7 @@
 pub(crate) mod explain;
 mod finding;
 mod shown;
+mod wiring;
 
 use std::cell::OnceCell;
 
@@ -65,9 +66,7 @@ pub struct Groundwork<'a> {
 }
 
 impl<'a> Groundwork<'a> {
-    fn new(case: &'a Case, library: &'a Library, off: &[Step], say: &mut dyn FnMut(String)) -> Result<Self, GapError> {
-        say("audit".into());
-        let audit = audit(case, library, off, say)?;
+    fn new(case: &'a Case, library: &'a Library, audit: Audit, say: &mut dyn FnMut(String)) -> Result<Self, GapError> {
         say("preparing".into());
         let mut ready = prepare(model(&audit)?, &audit.case.records, &audit.known)?;
         require_names(&audit.case.config, library.effects(), &ready.problem.setting)?;
@@ -88,9 +87,20 @@ impl<'a> Groundwork<'a> {
         off: &[Step],
         say: &mut dyn FnMut(String),
     ) -> Result<(Outcome, Self), GapError> {
-        let ground = Self::new(case, library, off, say)?;
+        say("audit".into());
+        let audit = audit(case, library, off, say)?;
+        let as_recorded = audit.as_recorded(case, library)?;
+        let ground = Self::new(case, library, audit, say)?;
         let outcome = finish(&ground, &ground.audit, &[], say)?;
-        Ok((outcome, ground))
+        let (Some(audit), Some(mismatch)) = (as_recorded, ground.audit.put_right()) else {
+            return Ok((outcome, ground));
+        };
+        say("without the correction of the channels".into());
+        let settings = &case.config.settings.audit;
+        let recorded = Self::new(case, library, audit, say)?;
+        let other = finish(&recorded, &recorded.audit, &[], say)?;
+        let (outcome, is_real) = wiring::decided(outcome, other, &mismatch.sentence, settings);
+        Ok((outcome, if is_real { ground } else { recorded }))
     }
 
     /// Returns the answer of a diagnosis without these effects. It equals that with [`Library::without`] to the last

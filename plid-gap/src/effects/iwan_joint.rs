@@ -25,10 +25,6 @@ const LARGEST_EXPONENT: f64 = 0.2;
 /// Displacement of full slip over the RMS from which the joint is almost a spring.
 const LARGEST_SLIP: f64 = 30.0;
 
-/// The largest distance of the share s from what it may mean: that the simulation has none or all of the joint's
-/// stiffness.
-const BESIDE: f64 = 0.5;
-
 /// A joint that slips little by little: sliders in series with springs (Jenkins elements), in parallel, which yield at
 /// all displacements up to dm. The density of the springs' stiffness over the displacements at which they yield is a
 /// power law of exponent chi. A cycle of amplitude A below dm therefore loses an energy in proportion to A^(3 + chi).
@@ -84,7 +80,7 @@ impl Effect for IwanJoint {
         let moved = setting.plant.ports[port].moved_by().is_some();
         let far: &[f64] = if moved { &SLIPS_BEYOND } else { &[] };
         let lacking = SLIPS.iter().chain(far).map(|share| vec![0.01 * force / d, share * d, EXPONENT]);
-        let may_hold = !holds(setting, port) && !moved && setting.stiffness[port] > 0.0;
+        let may_hold = !setting.contains_joints(port) && !moved && setting.stiffness[port] > 0.0;
         let held = SLIPS.iter().filter(|_| may_hold).map(|share| vec![0.01 * force / d, share * d, EXPONENT, 1.0]);
         lacking.chain(held).collect()
     }
@@ -100,9 +96,7 @@ impl Effect for IwanJoint {
         let s = held_share(setting, port, parameters);
         (least..LARGEST_SLIP).contains(&(parameters[1] / setting.d_rms[port]))
             && (LEAST_EXPONENT..LARGEST_EXPONENT).contains(&parameters[2])
-            && (-BESIDE..1.0 + BESIDE).contains(&s)
-            // A simulation cannot hold more than the stiffness that it has.
-            && (moved || s <= 0.0 || s * parameters[0] < setting.stiffness[port])
+            && setting.may_contain(port, s, parameters[0])
     }
 
     fn free_shape(&self) -> Option<&'static Flexible> {
@@ -116,14 +110,9 @@ impl Effect for IwanJoint {
     }
 }
 
-/// Returns whether the simulation contains the stiffness of a joint at a port by default.
-fn holds(setting: &Setting, port: usize) -> bool {
-    setting.is_on_a_mode(port) || setting.plant.modes.len() == 1
-}
-
 /// Returns the share of the joint's stiffness that the simulation holds.
 fn held_share(setting: &Setting, port: usize, parameters: &[f64]) -> f64 {
-    let unsaid = if holds(setting, port) { 1.0 } else { 0.0 };
+    let unsaid = if setting.contains_joints(port) { 1.0 } else { 0.0 };
     parameters.get(3).copied().unwrap_or(unsaid)
 }
 

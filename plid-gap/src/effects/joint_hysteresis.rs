@@ -4,6 +4,10 @@ use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, S
 /// Magnitude of h from which a loop is almost a curve.
 const MOST_SKEWED: f64 = 3.0;
 
+/// Displacements at which a joint yields whose stiffness the simulation contains, over the RMS of the linear
+/// simulation, from which fits start.
+const HELD_YIELDS: [f64; 2] = [0.4, 1.2];
+
 /// A joint that slips: an elastic element in series with friction (Bouc-Wen with n = 1).
 ///
 /// With two parameters it yields on loading and is elastic on unloading (h = 1). With three, h says how the
@@ -11,7 +15,8 @@ const MOST_SKEWED: f64 = 3.0;
 /// 102, 1976).
 ///
 /// On a single mode it is a joint that the simulation takes for stuck, as a simulation that was identified at a low
-/// level does: its spring k is part of the mode's stiffness and is removed there.
+/// level does: its spring k is part of the mode's stiffness and is removed there. At other ports, s is the share of k
+/// that the simulation contains.
 pub struct JointHysteresis;
 
 impl Effect for JointHysteresis {
@@ -28,7 +33,7 @@ impl Effect for JointHysteresis {
     }
 
     fn equation(&self) -> &'static str {
-        "f = -k z, dz/dt = v - (abs(v) z + h v abs(z)) / (2 dy); without h it is 1"
+        "f = k (s d - z), dz/dt = v - (abs(v) z + h v abs(z)) / (2 dy); without h it is 1, without s it is 0"
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
@@ -36,6 +41,7 @@ impl Effect for JointHysteresis {
             Parameter::new("k", "force/displacement", Range::Positive),
             Parameter::new("dy", "displacement", Range::Positive),
             Parameter::new("h", "1", Range::Signed).or_left_out(),
+            Parameter::new("s", "1", Range::Signed).or_left_out(),
         ]
     }
 
@@ -50,7 +56,8 @@ impl Effect for JointHysteresis {
         let far: &[f64] = if setting.plant.ports[port].moved_by().is_some() { &[0.003, 0.01, 0.03, 0.1] } else { &[] };
         let plain = [0.25, 0.8, 2.5].iter().chain(far).map(|share| vec![0.01 * force / d, share * d]);
         let skewed = [0.0, -1.0].into_iter().flat_map(|h| [0.4, 1.2].map(|share| vec![0.01 * force / d, share * d, h]));
-        plain.into_iter().chain(skewed).collect()
+        let held = HELD_YIELDS.iter().filter(|_| may_hold(setting, port));
+        plain.into_iter().chain(skewed).chain(held.map(|share| vec![0.01 * force / d, share * d, 1.0, 1.0])).collect()
     }
 
     fn amplitude(&self) -> Option<(usize, f64)> {
@@ -63,7 +70,9 @@ impl Effect for JointHysteresis {
         let skew = parameters.get(2).copied().unwrap_or(1.0).abs();
         let port = setting.port(place);
         let least = if setting.plant.ports[port].moved_by().is_some() { 1e-3 } else { 0.01 };
-        (least..10.0).contains(&(parameters[1] / setting.d_rms[port])) && skew < MOST_SKEWED
+        (least..10.0).contains(&(parameters[1] / setting.d_rms[port]))
+            && skew < MOST_SKEWED
+            && parameters.get(3).is_none_or(|s| setting.may_contain(port, *s, parameters[0]))
     }
 
     fn free_shape(&self) -> Option<&'static Flexible> {
@@ -73,16 +82,26 @@ impl Effect for JointHysteresis {
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let (k, dy) = (parameters[0], parameters[1]);
         let port = setting.port(place);
+        let s = parameters.get(3).copied();
         let force: Box<dyn Force> = match parameters.get(2) {
-            Some(h) => Box::new(Skewed { k, rise: (1.0 + h) / (2.0 * dy), fall: (1.0 - h) / (2.0 * dy) }),
+            Some(h) => {
+                let (rise, fall) = ((1.0 + h) / (2.0 * dy), (1.0 - h) / (2.0 * dy));
+                Box::new(Skewed { k, s: s.unwrap_or(0.0), rise, fall })
+            }
             None => Box::new(Joint { k, dy }),
         };
         let mut actions: Vec<Action> = vec![Action::Force(port, force)];
-        if setting.is_on_a_mode(port) || parameters.len() > 2 && setting.plant.modes.len() == 1 {
+        if setting.is_on_a_mode(port) || s.is_none() && parameters.len() > 2 && setting.contains_joints(port) {
             actions.push(Action::Plant(Box::new(move |plant| plant.take_spring(port, k))));
         }
         actions
     }
+}
+
+/// Returns whether the simulation may contain the stiffness of a joint at a port, where it does not do so by default.
+fn may_hold(setting: &Setting, port: usize) -> bool {
+    let moved = setting.plant.ports[port].moved_by().is_some();
+    !setting.contains_joints(port) && !moved && setting.stiffness[port] > 0.0
 }
 
 struct Joint {
@@ -107,13 +126,15 @@ impl Force for Joint {
 /// A joint that yields at one rate as it is loaded and at another as it is unloaded, over the displacement.
 struct Skewed {
     k: f64,
+    /// The share of k that the simulation contains.
+    s: f64,
     rise: f64,
     fall: f64,
 }
 
 impl Force for Skewed {
-    fn force(&self, _d: f64, _v: f64, state: &[f64]) -> f64 {
-        -self.k * state[0]
+    fn force(&self, d: f64, _v: f64, state: &[f64]) -> f64 {
+        self.k * (self.s * d - state[0])
     }
 
     fn states(&self) -> usize {

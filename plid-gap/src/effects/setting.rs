@@ -7,6 +7,10 @@ use crate::plant::{Plant, PortSource};
 use crate::signal::peaks::MissingModeStart;
 use crate::signal::tones::Tone;
 
+/// Largest distance from 0 and from 1 of the share of a joint's stiffness that a simulation contains, for the errors of
+/// a fit.
+const BESIDE: f64 = 0.5;
+
 /// Shares of the inertia, damper or stiffness at a port from which fits of an added one start.
 const LOAD_SHARES: [f64; 4] = [0.1, -0.1, 0.4, -0.4];
 
@@ -118,6 +122,19 @@ impl Setting {
     /// Returns whether the displacement at a port is known.
     pub(super) fn sees_displacement(&self, place: &Place) -> bool {
         self.plant.ports[self.port(place)].sees_displacement()
+    }
+
+    /// Returns whether the simulation contains the stiffness of a joint at a port unless the effect says otherwise: on
+    /// a single mode and on a structure of a single mode.
+    pub(super) fn contains_joints(&self, port: usize) -> bool {
+        self.is_on_a_mode(port) || self.plant.modes.len() == 1
+    }
+
+    /// Returns whether the simulation may contain this share of a joint's stiffness k at a port: from none to all of
+    /// it, and no more than the static stiffness there.
+    pub(super) fn may_contain(&self, port: usize, share: f64, k: f64) -> bool {
+        let moved = self.plant.ports[port].moved_by().is_some();
+        (-BESIDE..1.0 + BESIDE).contains(&share) && (moved || share <= 0.0 || share * k < self.stiffness[port])
     }
 
     /// Returns the locations of linear forces: declared ports, and the axes of a plant without modes. At ports that

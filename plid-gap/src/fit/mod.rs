@@ -6,6 +6,7 @@ pub(crate) mod derivatives;
 pub(crate) mod descent;
 pub(crate) mod free_run;
 pub(crate) mod jacobian;
+pub(crate) mod linear_model;
 pub(crate) mod nuisance;
 pub(crate) mod problem;
 pub(crate) mod refit;

@@ -97,6 +97,12 @@ impl Problem {
         others
     }
 
+    /// Returns the problem with the records whose inputs have at most this RMS.
+    pub fn up_to_level(&self, most: f64) -> Self {
+        let louder = (0..self.records.len()).rev().filter(|&k| self.records[k].level() > most);
+        louder.fold(self.clone(), |problem, k| problem.without(k))
+    }
+
     /// Returns the number of rows of the whitened residual.
     pub fn rows(&self) -> usize {
         self.whiteners.iter().map(Whitener::rows).sum()

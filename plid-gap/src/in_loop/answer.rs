@@ -180,6 +180,7 @@ pub(super) fn candidates(
         unknown: w.unknown,
         probability: w.probability,
         gap_after: gap_after(w),
+        wiring: None,
     };
     weighted.iter().map(one).collect()
 }

@@ -11,6 +11,7 @@ use crate::judge::explained::Explained;
 use crate::judge::family::with_kin;
 use crate::judge::gap::Blocks;
 use crate::judge::held_out::{HeldOut, held_out};
+use crate::judge::lacking_states::{LackingStates, lacking_states};
 use crate::judge::shares::{Share, shares};
 use crate::judge::shrink::{Gap, blocks, gaps, opened};
 use crate::judge::stochastic_gap::{shown, squared_gap};
@@ -42,6 +43,8 @@ pub struct Judgement<'j, 'a> {
     pub weighted: Vec<Weighted<'a>>,
     /// The verdict.
     pub verdict: Verdict,
+    /// The states that the simulation lacks, if no effect explains the records as well as they do.
+    pub lacking: Option<LackingStates>,
 }
 
 impl<'j, 'a> Judgement<'j, 'a> {
@@ -62,7 +65,11 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let gaps = gaps(explained, &plant, &actions, bounded, &config.nuisance);
         let held_out =
             if best.is_empty() { None } else { held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions) };
-        let unknown = unknown(explained, &gaps, held_out, config.material);
+        let lacking = lacking_states(explained, &gaps, config.material);
+        let unknown = match lacking {
+            Some(_) => problem.settings.judge.most_unknown.max(explained.judged.unknown),
+            None => unknown(explained, &gaps, held_out, config.material),
+        };
         let simulated = blocks(&opened(explained), &plant, &actions);
         let shares = shares(explained, &simulated, bounded);
         let mut weighted =
@@ -81,7 +88,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
             }
             _ => {}
         }
-        Self { plant, actions, gaps, held_out, simulated, shares, shown, squared_gaps, weighted, verdict }
+        Self { plant, actions, gaps, held_out, simulated, shares, shown, squared_gaps, weighted, verdict, lacking }
     }
 }
 

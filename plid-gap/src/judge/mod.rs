@@ -10,6 +10,7 @@ pub(crate) mod gap;
 pub(crate) mod held_out;
 mod imagined;
 pub(crate) mod judgement;
+pub(crate) mod lacking_states;
 pub(crate) mod locate;
 pub(crate) mod next_experiment;
 pub(crate) mod offsets;

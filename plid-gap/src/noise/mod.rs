@@ -6,6 +6,7 @@
 //! noise of a sensor also moves the plant: y = S (P v + e), with the sensitivity S of the loop.
 
 mod expected;
+pub(crate) mod local_polynomial;
 pub(crate) mod model_error;
 pub(crate) mod whiten;
 pub(crate) mod whittle;
@@ -25,6 +26,9 @@ const LINE_WIDTH: f64 = 0.003;
 
 /// Power of a constant channel without its mean, over that of the declared noise: rounding.
 const CONSTANT: f64 = 1e-12;
+
+/// Least variance of a source over that from which its fit starts.
+const LEAST: f64 = 1e-9;
 
 /// Number of rounds of the fixed-point iteration, which converges linearly.
 const ROUNDS: usize = 60;
@@ -222,12 +226,7 @@ impl NoiseModel {
             _ => false,
         });
         let fixed: Vec<bool> = fixed.collect();
-        let quietest = self.settings.least_sensor_variance;
-        let least: Vec<f64> = model
-            .sources
-            .iter()
-            .map(|(source, theta)| theta * if matches!(source, Source::Sensor(_)) { quietest } else { 1e-9 })
-            .collect();
+        let least: Vec<f64> = theta.iter().map(|theta| LEAST * theta).collect();
         let mut used = vec![true; rows.len()];
         for round in 0..rounds {
             let (up, down) = ratios(&rows, &theta, &mut used, (round >= 5).then_some(self.settings.line_power));

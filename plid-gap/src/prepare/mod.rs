@@ -15,6 +15,7 @@ use crate::fit::free_run::{errors, outputs};
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Placed, Problem, dot};
 use crate::fit::refit::Refit;
+use crate::noise::local_polynomial::unexplained;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch, is_constant};
@@ -117,8 +118,14 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     } else {
         quiet_stretches(&plant, &fitted, &setting.tones, &settings.prepare)
     };
-    let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
     let declares = model.noise.sensor_std.is_some();
+    let noise = if !quiet.is_empty() {
+        declared.fit(&quiet)
+    } else if declares || plant.controller.is_some() || off.contains(&Step::NoiseFit) {
+        declared.clone()
+    } else {
+        at_most(&declared, &fitted, &errors)
+    };
     let noise = rounded(noise, &quiet, &quantisation, (&declared_sensor, declares));
     let whiteners = whiteners(&fitted, &noise, plant.rate, &quantisation);
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).with_prior_std(&known.prior_std);
@@ -447,6 +454,19 @@ fn rounded(
             },
         )
     })
+}
+
+/// Returns the noise of records of which none shows the noise alone and for which none is declared: what their inputs
+/// do not explain, but no more than is assumed.
+fn at_most(assumed: &NoiseModel, records: &[Record], errors: &[Channels]) -> NoiseModel {
+    let driven = records.iter().zip(errors).filter(|(record, _)| record.is_driven());
+    let stretches: Vec<Stretch> = driven.filter_map(|(record, error)| unexplained(record, error)).collect();
+    if stretches.is_empty() {
+        return assumed.clone();
+    }
+    let found = assumed.fit(&stretches).sensors();
+    let lower = found.into_iter().zip(assumed.sensors()).map(|(found, assumed)| found.min(assumed));
+    lower.enumerate().fold(assumed.clone(), |noise, (o, variance)| noise.with_sensor(o, variance))
 }
 
 /// The description of a random force in a band.

@@ -65,12 +65,13 @@ fn candidates() -> Vec<Explanation> {
         unknown: false,
         probability,
         gap_after: Some(0.02),
+        wiring: None,
     };
     vec![
         explained(vec![located(CUBIC, "input:u1")], 0.9),
         explained(vec![located("clearance", "input:u1"), located("sensor-gain", "output:y2")], 0.06),
         explained(Vec::new(), 0.025),
-        Explanation { effects: Vec::new(), unknown: true, probability: 0.015, gap_after: None },
+        Explanation { effects: Vec::new(), unknown: true, probability: 0.015, gap_after: None, wiring: None },
     ]
 }
 

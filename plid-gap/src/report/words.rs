@@ -40,14 +40,16 @@ pub(super) fn at(effect: &str, location: &str) -> String {
 
 /// Names an explanation.
 pub(super) fn explanation(explanation: &Explanation) -> String {
-    if explanation.unknown {
-        return "something outside the vocabulary".into();
-    }
-    if explanation.effects.is_empty() {
-        return "nothing is missing".into();
-    }
     let one = |located: &Located| at(&located.effect, &located.location);
-    explanation.effects.iter().map(one).collect::<Vec<_>>().join(" and ")
+    let effects = match (explanation.unknown, explanation.effects.is_empty()) {
+        (true, _) => "something outside the vocabulary".into(),
+        (false, true) => "nothing is missing".into(),
+        (false, false) => explanation.effects.iter().map(one).collect::<Vec<_>>().join(" and "),
+    };
+    match &explanation.wiring {
+        Some(wiring) => format!("{effects} ({wiring})"),
+        None => effects,
+    }
 }
 
 /// Names the simulation with all that was found.

@@ -3,6 +3,8 @@
 
 pub(crate) mod closest_law;
 pub(crate) mod course;
+mod leading;
+pub(crate) mod levels;
 pub(crate) mod linear_cause;
 pub(crate) mod modal;
 pub(crate) mod overlap;

@@ -85,12 +85,15 @@ impl<'a> SearchStage<'a> {
                 let new = || {
                     let mut all = self.from.effects.clone();
                     all.push(self.entries[k].placed.clone());
-                    whether_sound(quick, self.from.fitted(quick, &all))
+                    Some(self.from.fitted(quick, &all)).filter(|fit| fit.cost.is_finite())
                 };
                 (k, known(&self.quick, k).cloned().unwrap_or_else(new))
             })
             .collect();
         let heads = self.further(quick, heads, 2 * polished, price);
+        // A fit that has not reached its minimum may still lead back to sound parameters.
+        let sound = |(k, fit): (usize, Option<Fit<'a>>)| (k, fit.and_then(|fit| whether_sound(quick, fit)));
+        let heads: Numbered<'a> = heads.into_iter().map(sound).collect();
         let mut best = ranked(&heads, price);
         best.truncate(polished);
         let gain = |fit: &Fit| self.from.cost - price.of(fit);
@@ -111,16 +114,19 @@ impl<'a> SearchStage<'a> {
         (heads, whole)
     }
 
-    /// Continues the best quick fits that have not yet reached their minimum, if the linear parameters are few.
+    /// Continues the best quick fits that have not yet reached their minimum, if the linear parameters are few: the
+    /// best with sound parameters, and the best without.
     fn further(&self, quick: &Problem, heads: Numbered<'a>, most: usize, price: &Price) -> Numbered<'a> {
         if !quick.few() {
             return heads;
         }
-        let first: Vec<usize> = ranked(&heads, price).into_iter().take(most).map(|(k, _)| k).collect();
+        let (sound, unsound): (Vec<_>, Vec<_>) =
+            ranked(&heads, price).into_iter().partition(|(_, fit)| are_sound(quick, &fit.effects));
+        let first: Vec<usize> = [sound, unsound].iter().flat_map(|fits| fits.iter().take(most)).map(|f| f.0).collect();
         let continued = |(k, fit): (usize, Option<Fit<'a>>)| match fit {
             Some(fit) if !fit.converged && first.contains(&k) && known(&self.quick, k).is_none() => {
                 let fit = quick.fit(&self.from.jacobian, &fit.eta, &fit.effects, quick.far(QUICK));
-                (k, whether_sound(quick, fit))
+                (k, Some(fit))
             }
             fit => (k, fit),
         };
@@ -142,7 +148,7 @@ fn ranked<'f, 'a>(fits: &'f Numbered<'a>, price: &Price) -> Vec<(usize, &'f Fit<
 
 /// Returns the fit if its cost is finite and its parameters are within the meaning of the effects' names.
 fn whether_sound<'a>(problem: &Problem, fit: Fit<'a>) -> Option<Fit<'a>> {
-    (fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).then_some(fit)
+    (fit.cost.is_finite() && are_sound(problem, &fit.effects)).then_some(fit)
 }
 
 /// A linear model from which a stage starts. Parameters far outside their prior are brought back, because they may be
@@ -199,9 +205,9 @@ impl<'a> Start<'a> {
     }
 }
 
-/// Returns whether the parameters are within the meaning of the effect's name.
-fn sound(problem: &Problem, placed: &Placed) -> bool {
-    placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
+/// Returns whether the parameters are within the meaning of the effects' names.
+fn are_sound(problem: &Problem, effects: &[Placed]) -> bool {
+    effects.iter().all(|placed| placed.effect.sound(&problem.setting, &placed.place, &placed.parameters))
 }
 
 /// Repeats a fit to the first samples on whole records, or only evaluates it there if that step is off.

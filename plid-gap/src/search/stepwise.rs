@@ -65,33 +65,34 @@ impl<'a> Search<'a> {
     }
 }
 
+/// What a search begins with.
+pub(super) struct Begin<'s, 'a> {
+    /// The linear model without effects.
+    pub refit: &'s Refit,
+    /// The noise, if the quick fits are to windows of the records. As soon as an explanation follows the first samples,
+    /// they are to these again, weighed by this noise: the windows' initial states hide what is left.
+    pub windows: Option<&'s NoiseModel>,
+    /// An explanation that was found in weaker records.
+    pub below: Option<Fit<'a>>,
+}
+
 /// Searches for up to `most_effects` effects: on `quick` (the first samples of the records), then with the best few on
-/// `problem`. If `quick` holds `windows`, it gets the first samples again, weighed by this noise, as soon as an
-/// explanation follows them: the windows' initial states hide what is left. `first` is the first stage; it is filled if
-/// it is empty. `say` is called with the progress.
-pub fn search<'a>(
+/// `problem`. `first` is the first stage; it is filled if it is empty. `say` is called with the progress.
+pub(super) fn search<'a>(
     problem: &mut Problem,
     quick: &mut Problem,
-    mut windows: Option<&NoiseModel>,
-    refit: &Refit,
+    Begin { refit, mut windows, below }: Begin<'_, 'a>,
     scope: &Scope<'_, 'a>,
     first: &OnceCell<SearchStage<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
     let (price, settings) = (Price { rows: problem.rows() as f64, scope }, &scope.settings);
-    let mut best = refit.as_fit();
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
     let mut overlap = None;
-    // What each effect of the best explanation gained when it was added.
-    let mut gains = Vec::new();
     // One effect may imitate two others better than each of these does alone.
     let mut runners_up: Vec<Fit> = Vec::new();
-    if let Some(top) = start(problem, refit, &price, &mut candidates, say) {
-        best = top;
-        // What speaks for it is how it changes the linear parameters, which the gains of other effects do not show.
-        gains.push(f64::INFINITY);
-    }
+    let (mut best, mut gains) = begun(problem, refit, below, &price, &mut candidates, say);
     for stage in best.effects.len()..settings.most_effects {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.admits(placed);
         let counts = [settings.fitted, settings.polished];
@@ -143,6 +144,30 @@ pub fn search<'a>(
     }
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
     Search { best, candidates, stages, overlap }
+}
+
+/// Returns the explanation with which a search begins, and what each of its effects gained when it was added: no
+/// effect, a linear cause, or what was found in weaker records.
+fn begun<'a>(
+    problem: &Problem,
+    refit: &Refit,
+    below: Option<Fit<'a>>,
+    price: &Price<'_, 'a>,
+    candidates: &mut Vec<Candidate<'a>>,
+    say: &mut dyn FnMut(String),
+) -> (Fit<'a>, Vec<f64>) {
+    let (mut best, mut gains) = (refit.as_fit(), Vec::new());
+    if let Some(top) = start(problem, refit, price, candidates, say) {
+        best = top;
+        // What speaks for it is how it changes the linear parameters, which the gains of other effects do not show.
+        gains.push(f64::INFINITY);
+    }
+    if let Some(below) = below.filter(|below| price.of(below) < price.of(&best)) {
+        candidates.push(price.candidate(&below));
+        gains = vec![price.of(&best) - price.of(&below); below.effects.len()];
+        best = below;
+    }
+    (best, gains)
 }
 
 /// Fits the ports' scales with an explanation to which an effect was added, and reconsiders its effects. `gains` are

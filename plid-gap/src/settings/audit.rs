@@ -13,6 +13,11 @@ group! {
         /// A mismatch of channels is corrected if it reduces the gap to this share, which no single effect of a sound
         /// signal chain imitates.
         corrected: f64 = 0.5, "1", 0.0..=1.0;
+        /// Number of independent values for which the squared gaps count that remain with and without the correction.
+        wiring_values: f64 = 20.0, "values", 0.0..=1e6;
+        /// Odds for a mismatch that leaves as much as the channels as recorded: an effect that happens to have a gain
+        /// of minus one, or a delay of a whole block, is a coincidence.
+        wiring_odds: f64 = 20.0, "1", 1e-9..=1e9;
         /// Gap from which several mismatches may occur together. The search then starts from every order and sign of
         /// the outputs: two exchanged channels make a gap of about one.
         several: f64 = 0.7, "1", 0.0..=1e6;

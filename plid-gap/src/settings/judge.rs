@@ -64,6 +64,11 @@ group! {
         /// Amplitude that an explanation may leave of the gap beyond noise and limits. With imperfect truths the true
         /// causes left 0.03 to 0.36, and imitations of a cause outside the vocabulary 0.70 or more.
         most_left: f64 = 0.5, "1", 1e-6..=1.0;
+        /// Remainder beyond the noise that a linear model with more states may leave, over that of the simulation with
+        /// linear effects and over that of a linear model with as many states, for the simulation to lack states.
+        states_left: f64 = 0.5, "1", 0.0..=1.0;
+        /// Gap with effects over that of the noise from which it is examined whether states are lacking.
+        states_above_noise: f64 = 1.1, "1", 1.0..=1e6;
         /// Gain on held-out records, in its standard deviation, that an explanation must reach if it is expected to
         /// show there.
         held_out_gain: f64 = 3.0, "std", 0.0..=1e6;

@@ -8,9 +8,6 @@ group! {
         /// Power of a frequency bin over that of the model from which the bin contains a line rather than noise: chance
         /// e^-16.
         line_power: f64 = 16.0, "1", 1.0..=1e9;
-        /// Least variance of a sensor, over its declared variance: a channel that is constant in a quiet record is
-        /// coarse, not free of noise.
-        least_sensor_variance: f64 = 0.25, "1", 0.0..=1.0;
         /// Factor in frequency about the centre of a force in a band within which bins determine the band: further
         /// away, the shape of its spectrum is unknown.
         band_range: f64 = 1.4, "1", 1.0..=100.0;

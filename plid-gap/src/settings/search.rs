@@ -27,6 +27,12 @@ group! {
         /// Leading part of each record that the quick fits use. A third of a record ranks explanations as a whole
         /// record does, because effects of a few per cent gain thousands.
         first_samples: usize = 2000, "samples", 64.0..=1e9;
+        /// Least mean square of the refit's error in that part over that of the whole record; a longer part is used
+        /// otherwise. In a third of a record, a drift shows a ninth of its mean square.
+        first_share: f64 = 0.1, "1", 0.0..=1.0;
+        /// Factor by which the level of the loudest record must exceed that of others for a strong effect to be
+        /// searched in these first.
+        level_step: f64 = 1.4, "1", 1.0..=1e3;
         /// Gap that the bounded refit must leave of some driven record for the search to use windows of the records. A
         /// resonance that has moved by its width leaves about this much.
         windows_gap: f64 = 0.3, "1", 0.0..=1e6;

@@ -126,6 +126,13 @@ pub fn slope(x: &[f64], rate: f64) -> Vec<f64> {
 /// Largest phase advance, in a part of a sample, of a port's oscillation against a stiff law, in rad.
 const TURN: f64 = 0.25;
 
+/// Largest phase advance, in a part of a sample, of a port's oscillation against a law that bends smoothly, in rad. The
+/// relative error of its frequency is a twenty-fourth of the square.
+const SMOOTH_TURN: f64 = 0.08;
+
+/// Distance from the largest motion, over that motion, at which the slope of a law is taken.
+const BESIDE: f64 = 1e-3;
+
 /// Most parts of a sample.
 const MOST_PARTS: f64 = 32.0;
 
@@ -144,8 +151,28 @@ fn parts_of(plant: &Plant, port: usize, law: &dyn Force) -> usize {
     }
     let mobility = plant.mobility(port).max(0.0);
     let rate = (stiffness.abs() * mobility).sqrt() + damper.abs() * mobility;
-    let parts = (rate / (TURN * plant.rate)).clamp(1.0, MOST_PARTS);
-    parts.log2().ceil().exp2() as usize
+    power_of_two(rate / (TURN * plant.rate))
+}
+
+/// Returns the number of parts of a sample that a smooth law needs where displacement and velocity of its port have
+/// these largest magnitudes: a power of two. A law that states its steepest part has that many anyway.
+fn parts_at(plant: &Plant, port: usize, law: &dyn Force, [d, v]: [f64; 2]) -> usize {
+    if law.states() > 0 || law.holds().is_some() || law.steepest() != [0.0; 2] {
+        return 1;
+    }
+    let slope = |of: &dyn Fn(f64) -> f64, at: f64| {
+        let beside = BESIDE * at;
+        if beside > 0.0 { (of(at + beside) - of(at - beside)).abs() / (2.0 * beside) } else { 0.0 }
+    };
+    let by_displacement = |d: f64| law.force(d, 0.0, &[]);
+    let stiffness = slope(&by_displacement, d).max(slope(&|d: f64| by_displacement(-d), d));
+    let damper = slope(&|v: f64| law.force(0.0, v, &[]), v);
+    let mobility = plant.mobility(port).max(0.0);
+    power_of_two(((stiffness * mobility).sqrt() + damper * mobility) / (SMOOTH_TURN * plant.rate))
+}
+
+fn power_of_two(parts: f64) -> usize {
+    parts.clamp(1.0, MOST_PARTS).log2().ceil().exp2() as usize
 }
 
 /// Returns the plant with the actions that change it before a run; `None` if none of them does.

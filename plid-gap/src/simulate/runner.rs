@@ -119,6 +119,8 @@ struct Moving {
     d: f64,
     v: f64,
     path: f64,
+    /// Largest magnitudes of displacement and velocity so far.
+    most: [f64; 2],
     /// Friction that can hold the port.
     hold: Option<Hold>,
 }
@@ -359,8 +361,14 @@ impl<'a, const R: usize> Runner<'a, R> {
             let (d, v) = (lanes::all(motion, block.d(j, part)), lanes::all(motion, block.v(j, part)));
             for (moving, (d, v)) in port.moving.iter_mut().zip(d.into_iter().zip(v)) {
                 (moving.d, moving.v) = (d, v);
+                moving.most = [moving.most[0].max(d.abs()), moving.most[1].max(v.abs())];
             }
         }
+    }
+
+    /// Returns the largest magnitudes of displacement and velocity at each port in a run.
+    pub fn most(&self, run: usize) -> impl Iterator<Item = [f64; 2]> {
+        self.ports.iter().map(move |port| port.moving[run].most)
     }
 }
 
@@ -417,8 +425,14 @@ impl<const R: usize> Late<R> {
 impl<'a, const R: usize> Port<'a, R> {
     fn new(laws: [&'a dyn Force; R], output: Vec<f64>) -> Self {
         let hold = |law: &dyn Force| law.holds().map(|most| Hold { most, stuck: true, force: 0.0 });
-        let at_rest =
-            |law: &dyn Force| Moving { state: vec![0.0; law.states()], d: 0.0, v: 0.0, path: 0.0, hold: hold(law) };
+        let at_rest = |law: &dyn Force| Moving {
+            state: vec![0.0; law.states()],
+            d: 0.0,
+            v: 0.0,
+            path: 0.0,
+            most: [0.0; 2],
+            hold: hold(law),
+        };
         let moving = laws.map(at_rest);
         Self { laws, output, moving }
     }

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use super::{Fineness, State, changed_plant, most_in_a_block, on_a_given_motion, parts_of};
+use super::{Fineness, State, changed_plant, most_in_a_block, on_a_given_motion, parts_at, parts_of};
 use crate::case::record::Channels;
 use crate::effects::{Action, Drive, Force};
 use crate::plant::Plant;
@@ -22,8 +22,24 @@ pub struct Run<'r> {
     pub start: Option<&'r State>,
 }
 
-/// Returns the outputs of several runs before the effects on the sensors. Runs that are alike are stepped together.
+/// Returns the outputs of several runs before the effects on the sensors. Runs that are alike are stepped together. A
+/// run whose motion is so large that a law is stiff there is repeated with finer steps.
 pub fn before_sensors(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> Vec<Channels> {
+    let (mut outputs, parts) = stepped(plant, runs, fineness);
+    // Coarse runs only rank, so they are repeated only where the parts of fine ones do not suffice.
+    let enough = fineness.force.max(Fineness::FINE.force);
+    let mut finer: Vec<usize> = (0..runs.len()).filter(|&k| parts[k] > enough).collect();
+    finer.sort_by_key(|&k| parts[k]);
+    for alike in finer.chunk_by(|&a, &b| parts[a] == parts[b]) {
+        let again: Vec<Run> = alike.iter().map(|&k| runs[k]).collect();
+        let finer = before_sensors(plant, &again, Fineness { force: parts[alike[0]], ..fineness });
+        alike.iter().zip(finer).for_each(|(&k, y)| outputs[k] = y);
+    }
+    outputs
+}
+
+/// Returns the outputs of the runs, and the parts of a sample that each needs at its motion.
+fn stepped(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> (Vec<Channels>, Vec<usize>) {
     let runs: Vec<Applied> = runs.iter().map(|run| Applied::new(plant, run, fineness)).collect();
     let mut order: Vec<usize> = (0..runs.len()).collect();
     order.sort_by_key(|&k| runs[k].samples());
@@ -36,10 +52,10 @@ pub fn before_sensors(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> Ve
         [a, b] => advanced([a, b], plant, fineness),
         _ => group.iter().flat_map(|one| advanced([*one], plant, fineness)).collect(),
     };
-    let advanced: Vec<Vec<Channels>> = groups.par_iter().map(advanced).collect();
-    let mut outputs = vec![Vec::new(); runs.len()];
-    order.into_iter().zip(advanced.into_iter().flatten()).for_each(|(k, y)| outputs[k] = y);
-    outputs
+    let advanced: Vec<Vec<(Channels, usize)>> = groups.par_iter().map(advanced).collect();
+    let (mut outputs, mut parts) = (vec![Vec::new(); runs.len()], vec![0; runs.len()]);
+    order.into_iter().zip(advanced.into_iter().flatten()).for_each(|(k, (y, p))| (outputs[k], parts[k]) = (y, p));
+    (outputs, parts)
 }
 
 /// Most runs that are stepped together: with more, the sums no longer fit the registers.
@@ -131,8 +147,8 @@ impl<'r> Applied<'r> {
     }
 }
 
-/// Advances runs that are alike.
-fn advanced<const R: usize>(runs: [&Applied<'_>; R], plant: &Plant, fineness: Fineness) -> Vec<Channels> {
+/// Advances runs that are alike. Returns the outputs of each, and the parts of a sample that it needs at its motion.
+fn advanced<const R: usize>(runs: [&Applied<'_>; R], plant: &Plant, fineness: Fineness) -> Vec<(Channels, usize)> {
     let first = runs[0];
     let plant = first.changed.as_ref().unwrap_or(plant);
     let pushed: Vec<usize> = first.pushed().collect();
@@ -149,13 +165,17 @@ fn advanced<const R: usize>(runs: [&Applied<'_>; R], plant: &Plant, fineness: Fi
     for (y, run) in outputs.iter_mut().zip(runs) {
         run.moved.iter().for_each(|&(port, law)| on_a_given_motion(&plant.ports[port], law, &run.given.drive, y));
     }
-    outputs.into()
+    let needed = |(number, y): (usize, Channels)| {
+        let at_port = |(&(port, law), most): (&(usize, &dyn Force), _)| parts_at(plant, port, law, most);
+        (y, runs[number].forces.iter().zip(runner.most(number)).map(at_port).max().unwrap_or(1))
+    };
+    outputs.into_iter().enumerate().map(needed).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::{Library, Setting};
+    use crate::effects::{CubicStiffness, Effect, Library, Place, Setting};
     use crate::testing;
     use plid_fourier::C;
 
@@ -188,5 +208,33 @@ mod tests {
             }
         }
         assert!(forced > 20, "{forced} forces");
+    }
+
+    /// A run whose motion makes its law stiff is the one with finer steps, to the bit; another one stays as it is.
+    #[test]
+    fn a_large_motion_takes_finer_steps() {
+        let model = testing::truss(2);
+        let plant = Plant::new(&model).unwrap();
+        let setting = crate::prepare::tests::setting_of(&plant, &model);
+        let u = testing::random_input(5, 300, 2);
+        let place = Place::Input(0);
+        // A spring on which the port would turn by half a radian in a sample, as far as it moves without it.
+        let d = crate::case::record::rms(&crate::prepare::port_motion(&plant, &u)[0]);
+        let stiff = (0.5 * plant.rate).powi(2) / plant.mobility(0) / d.powi(2);
+        let cubic = |k: f64| CubicStiffness.act(&setting, &place, &[k]);
+        let run = |actions: &[Action], force: usize| {
+            let run = Run { actions, u: &u, t0: 0.0, start: None };
+            before_sensors(&plant, &[run], Fineness { force, drift: 16 }).swap_remove(0)
+        };
+        let (weak, strong) = (cubic(1e-4 * stiff), cubic(10.0 * stiff));
+        let parts = |actions: &[Action], force: usize| {
+            let run = Run { actions, u: &u, t0: 0.0, start: None };
+            stepped(&plant, &[run], Fineness { force, drift: 16 }).1[0]
+        };
+        assert!(parts(&weak, 8) <= 8, "{}", parts(&weak, 8));
+        let needed = parts(&strong, 8);
+        assert!(needed > 8, "{needed}");
+        assert!(run(&strong, 8) == run(&strong, needed));
+        assert!(run(&weak, 8) != run(&weak, needed));
     }
 }

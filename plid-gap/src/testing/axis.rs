@@ -60,8 +60,17 @@ impl Axis {
 
     /// Returns a case of a quiet record and three driven ones, with 0.5 % of noise.
     fn case(&self) -> Case {
+        self.case_behind(|_| {})
+    }
+
+    /// Returns a case whose sensor changes its signal before the noise.
+    fn case_behind(&self, sensor: fn(&mut Vec<f64>)) -> Case {
         let truth = self.truth();
-        let run = |u: &Channels| integrate(&truth, u, Some(&self.force)).0;
+        let run = |u: &Channels| {
+            let mut y = integrate(&truth, u, Some(&self.force)).0;
+            y.iter_mut().for_each(sensor);
+            y
+        };
         let input = |k: usize| {
             let drawn = &random_input(k as u64 + 1, SAMPLES, 1)[0];
             vec![(0..SAMPLES).map(|n| drawn[n / HOLD]).collect()]
@@ -133,6 +142,28 @@ fn friction_on_a_slider_without_a_spring() {
 fn friction_in_a_well_damped_servo() {
     let w = TAU * 1.5;
     is_friction(&Axis { mass: 1.0, c: 1.4 * w, k: w * w, force: friction, position: true }.diagnosed());
+}
+
+/// A short delay with a slow lag looks like a delay of all channels by many samples, which the audit finds first. What
+/// remains after its correction shows that it is none.
+#[test]
+fn a_delay_with_a_lag_is_no_delay_of_all_channels() {
+    let behind = |y: &mut Vec<f64>| {
+        let turn = (-1.0 / (0.1 * RATE)).exp();
+        let mut state = 0.0;
+        y.splice(0..0, [0.0; 8]);
+        y.truncate(SAMPLES);
+        for y in y {
+            state = turn * state + (1.0 - turn) * *y;
+            *y = state;
+        }
+    };
+    let motor = Axis { mass: 1.0, c: 2.0, k: 0.0, force: none, position: false };
+    let found = diagnosed(&motor.case_behind(behind));
+    let apparent = found.warnings.iter().any(|warning| warning.contains("look delayed"));
+    assert!(apparent && found.sentence.contains("taken as they were recorded"), "{}", found.sentence);
+    assert!(found.effects.iter().any(|effect| effect.effect.ends_with("-lag")), "{}", found.sentence);
+    assert!(found.candidates.iter().any(|candidate| candidate.wiring.is_some()));
 }
 
 #[test]

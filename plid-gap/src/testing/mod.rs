@@ -4,6 +4,9 @@ pub mod arm;
 mod axis;
 mod blind;
 mod controlled;
+mod joint;
+mod levels;
+mod sound;
 mod truss;
 mod unquiet;
 

@@ -7,8 +7,8 @@ use std::f64::consts::TAU;
 use nalgebra::{DMatrix, DVector, dmatrix};
 use plid_gap::effects::{Effect, Library, Place, Setting};
 use plid_gap::research::{Fineness, Plant, simulate};
-use plid_model::{Model, held};
 use plid_model::signal::rms;
+use plid_model::{Model, held};
 
 use super::{Check, MODES, Rig, T0};
 use crate::truss::{RATE, Sensor, Truss};
@@ -24,6 +24,7 @@ pub const CHECKS: &[Check] = &[
     Check { effect: "backlash", limit: 2.5e-3, measure: |effect| BACKLASH.disagreement(effect) },
     Check { effect: "joint-hysteresis", limit: 2.5e-3, measure: |effect| HYSTERESIS.disagreement(effect) },
     Check { effect: "joint-hysteresis", limit: 2.5e-3, measure: |effect| STIFFENING_JOINT.disagreement(effect) },
+    Check { effect: "joint-hysteresis", limit: 2.5e-3, measure: |effect| HELD_JOINT.disagreement(effect) },
     // Sliders for a continuous density: their sum is right to 0.05 % of the largest force.
     Check { effect: "iwan-joint", limit: 2.5e-3, measure: |effect| slips_little_by_little(effect, [0.0, 1.0]) },
     Check { effect: "quadratic-damping", limit: 2.5e-3, measure: |effect| DRAG.disagreement(effect) },
@@ -111,6 +112,13 @@ const STIFFENING_JOINT: Law = Law {
     effect: "joint-hysteresis",
     parameters: |d, _| vec![0.1 / d, 1.5 * d, -1.4],
     force: |p, _, _, z| -p[0] * z,
+    slip: |p, v, z| v - (v.abs() * z + p[2] * v * z.abs()) / (2.0 * p[1]),
+};
+
+const HELD_JOINT: Law = Law {
+    effect: "joint-hysteresis",
+    parameters: |d, _| vec![0.15 / d, 0.9 * d, 0.3, 0.8],
+    force: |p, d, _, z| p[0] * (p[3] * d - z),
     slip: |p, v, z| v - (v.abs() * z + p[2] * v * z.abs()) / (2.0 * p[1]),
 };
 

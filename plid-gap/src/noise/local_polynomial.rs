@@ -1,0 +1,121 @@
+//! The noise of a record that nothing repeats, from the local polynomial method (Pintelon, Schoukens, Vandersteen and
+//! Barbé, *Mechanical Systems and Signal Processing* 24, 2010, 573).
+//!
+//! Over a few neighbouring frequencies the response of any linear plant, and the transient of a record that begins and
+//! ends in different states, are smooth: Y(k + r) = G(r) U(k + r) + T(r) + E(k + r), with polynomials G and T. What is
+//! left at k is the noise, and what a nonlinear plant adds that looks random: a level that is at least that of the
+//! noise. The error of the simulation takes the place of Y. Its response is smaller than that of the plant, and so is
+//! what the polynomials miss of a narrow resonance.
+
+use std::iter::{once, repeat_n};
+
+use nalgebra::DVector;
+
+use super::Stretch;
+use crate::case::record::Record;
+use plid_fourier::C;
+
+/// Degree of the polynomials.
+const DEGREE: usize = 2;
+
+/// Equations that are left for the noise at each frequency, over the number of outputs.
+const FREE: usize = 4;
+
+/// Squared length of a regressor that is left by the others, over its own, below which it adds nothing.
+const DEPENDENT: f64 = 1e-10;
+
+/// Returns what the inputs of a driven record do not explain of the error of a simulation (p channels), as a stretch
+/// that no command explains; `None` if samples are missing or the record is too short.
+pub(crate) fn unexplained(record: &Record, error: &[Vec<f64>]) -> Option<Stretch> {
+    if record.y.iter().flatten().any(|y| y.is_nan()) {
+        return None;
+    }
+    let (inputs, outputs) = (Stretch::new(&record.u), Stretch::new(error));
+    let unknowns = (DEGREE + 1) * (record.u.len() + 1);
+    let reach = (unknowns + FREE * record.y.len()).div_ceil(2);
+    let count = outputs.bins[0].len();
+    if count <= 4 * reach {
+        return None;
+    }
+    let residual: Vec<Vec<C>> = (0..count).map(|k| at(&inputs.bins, &outputs.bins, k, reach)).collect();
+    let bins = (0..record.y.len()).map(|o| residual.iter().map(|e| e[o]).collect()).collect();
+    Some(Stretch { length: outputs.length, bins })
+}
+
+/// Returns the residual of each output at a frequency, scaled for its variance to be that of the noise.
+fn at(inputs: &[Vec<C>], outputs: &[Vec<C>], k: usize, reach: usize) -> Vec<C> {
+    // The first bin holds the mean and the trend, which were removed.
+    let first = (k.max(reach + 1) - reach).min(outputs[0].len() - 2 * reach - 1);
+    let local = |of: &[C]| DVector::from_column_slice(&of[first..=first + 2 * reach]);
+    let power = |degree: usize| move |i: usize| ((i + first) as f64 - k as f64).powi(degree as i32);
+    let constant = DVector::repeat(2 * reach + 1, C::ONE);
+    let signals = inputs.iter().map(|u| local(u)).chain(once(constant));
+    let regressors = signals.flat_map(|signal| {
+        repeat_n(signal, DEGREE + 1).enumerate().map(|(d, x)| DVector::from_fn(x.len(), |i, _| x[i] * power(d)(i)))
+    });
+    let basis = orthonormal(regressors);
+    let centre = k - first.min(k);
+    let taken: f64 = basis.iter().map(|q| q[centre].norm_sqr()).sum();
+    let scale = (1.0 - taken).max(DEPENDENT).sqrt().recip();
+    let residual = |y: &Vec<C>| {
+        let y = local(y);
+        let explained: C = basis.iter().map(|q| q[centre] * q.dotc(&y)).sum();
+        (y[centre] - explained) * scale
+    };
+    outputs.iter().map(residual).collect()
+}
+
+/// Returns an orthonormal basis of the space of these vectors (modified Gram-Schmidt, twice).
+fn orthonormal(vectors: impl Iterator<Item = DVector<C>>) -> Vec<DVector<C>> {
+    let mut basis: Vec<DVector<C>> = Vec::new();
+    for mut v in vectors {
+        let size = v.norm_squared();
+        for q in basis.iter().chain(&basis) {
+            let along = q.dotc(&v);
+            v.axpy(-along, q, C::ONE);
+        }
+        let left = v.norm_squared();
+        if left > DEPENDENT * size {
+            basis.push(v.unscale(left.sqrt()));
+        }
+    }
+    basis
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::case::record::rms;
+    use crate::noise::NoiseModel;
+    use crate::plant::Plant;
+    use crate::testing;
+
+    /// A single driven record shows the noise of its sensors, which is far below the error of a simulation whose
+    /// frequencies are off by 2 %.
+    #[test]
+    fn one_driven_record_shows_its_noise() {
+        let real = testing::truss(3);
+        let sim = testing::truss_with(3, |modes, _, _| modes.iter_mut().for_each(|(hz, _)| *hz *= 1.02));
+        let case = testing::case(&sim, &real);
+        let noise = case.model.as_ref().unwrap().noise.sensor_std.clone().unwrap();
+        let record = &case.records[1];
+        let error = record.error(&testing::run(&sim, &record.u));
+        let assumed: Vec<f64> = record.y.iter().map(|y| 0.01 * rms(y)).collect();
+        let declared = NoiseModel::declared(&Plant::new(&sim).unwrap(), &assumed, &[0.0; 2]);
+        let found = declared.fit(&[unexplained(record, &error).unwrap()]).sensors();
+        for (o, (found, noise)) in found.iter().zip(&noise).enumerate() {
+            assert!(rms(&error[o]) > 10.0 * noise, "{} {noise}", rms(&error[o]));
+            assert!((found.sqrt() / noise - 1.0).abs() < 0.2, "{} {noise}", found.sqrt());
+        }
+    }
+
+    #[test]
+    fn missing_samples_and_short_records_show_nothing() {
+        let model = testing::truss(3);
+        let mut record = testing::case(&model, &model).records[1].clone();
+        let short = record.part(0..40, model.sample_rate_hz);
+        assert!(unexplained(&short, &short.y).is_none());
+        record.y[0][7] = f64::NAN;
+        assert!(unexplained(&record, &record.y).is_none());
+    }
+}

@@ -1,0 +1,48 @@
+//! The leading part of the records, on which the search ranks effects with quick fits.
+
+use crate::fit::free_run::errors;
+use crate::fit::problem::Problem;
+use crate::fit::refit::Refit;
+
+/// Returns the number of samples of each record that the quick fits use: `first_samples`, or more if the refit fits
+/// the first samples of a driven record much better than its remainder. A stop that is reached late, or a chirp that
+/// arrives at a resonance late, shows nothing before.
+pub(crate) fn leading(problem: &Problem, refitted: &Refit) -> usize {
+    let settings = &problem.settings.search;
+    let errors = errors(problem, &refitted.eta, &[]);
+    let driven = problem.records.iter().zip(&errors).filter(|(record, _)| record.is_driven());
+    let of_output = |error: &Vec<f64>| until_typical(error, settings.first_samples, settings.first_share);
+    driven.flat_map(|(_, errors)| errors.iter().map(of_output)).fold(settings.first_samples, usize::max)
+}
+
+/// Returns the smallest number of samples, but at least `first`, whose mean square is at least this share of that of
+/// the whole error. A missing sample counts as zero.
+fn until_typical(error: &[f64], first: usize, share: f64) -> usize {
+    let power = |e: &f64| if e.is_finite() { e * e } else { 0.0 };
+    let least = share * error.iter().map(power).sum::<f64>() / error.len().max(1) as f64;
+    let mut sum = 0.0;
+    let typical = |(k, e): (usize, &f64)| {
+        sum += power(e);
+        (k + 1 >= first && sum >= least * (k + 1) as f64).then_some(k + 1)
+    };
+    error.iter().enumerate().find_map(typical).unwrap_or(error.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_leading_part_reaches_what_happens_late() {
+        let late: Vec<f64> = (0..1000).map(|k| if k < 700 { 0.01 } else { 1.0 }).collect();
+        let at = until_typical(&late, 100, 0.1);
+        assert!((710..800).contains(&at), "{at}");
+        assert_eq!(until_typical(&[0.5; 1000], 100, 0.1), 100);
+        // An error that grows as a drift does: a third of it shows a ninth of the power.
+        let drift: Vec<f64> = (0..1000).map(|k| k as f64).collect();
+        assert_eq!(until_typical(&drift, 334, 0.1), 334);
+        let missing: Vec<f64> = (0..1000).map(|k| if k < 900 { f64::NAN } else { 1.0 }).collect();
+        assert!((900..920).contains(&until_typical(&missing, 100, 0.1)));
+        assert_eq!(until_typical(&[1.0; 50], 100, 0.1), 50);
+    }
+}
