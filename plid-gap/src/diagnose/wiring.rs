@@ -10,7 +10,7 @@ use plid_report::percent;
 
 /// Returns the probability that the mismatch is real, from what the two diagnoses leave. The squared gaps are taken as
 /// those of a number of independent values.
-pub(super) fn probability(corrected: &Diagnosis, recorded: &Diagnosis, settings: &AuditSettings) -> f64 {
+fn probability(corrected: &Diagnosis, recorded: &Diagnosis, settings: &AuditSettings) -> f64 {
     // Below the noise, a smaller gap is chance.
     let left = |one: &Diagnosis| one.gap.with_effect.max(one.gap.noise_floor).max(f64::MIN_POSITIVE);
     let ratio = left(corrected) / left(recorded);
@@ -28,22 +28,19 @@ pub(super) fn decided(corrected: Outcome, recorded: Outcome, said: &str, setting
     let is_real = probability >= 0.5;
     let (mut first, other) = if is_real { (corrected, recorded) } else { (recorded, corrected) };
     let probability = if is_real { probability } else { 1.0 - probability };
-    let sure = match (100.0 * probability).round() {
-        100.0.. => "more than 99 % sure".to_owned(),
-        sure => format!("{sure} % sure"),
+    let probable = match (100.0 * probability).round() {
+        100.0.. => "more than 99 %".to_owned(),
+        percent => format!("{percent} %"),
     };
     let sentence = &mut first.diagnosis.sentence;
     let [with, without] = &gaps;
     if is_real {
-        *sentence = sentence.replacen(
-            said,
-            &format!("{said} This is {sure}: without the correction, {without} remains at best."),
-            1,
-        );
+        let why = format!("{said} Its probability is {probable}: without the correction, {without} remains at best.");
+        *sentence = sentence.replacen(said, &why, 1);
     } else {
         *sentence += &format!(
-            " The channels are taken as they were recorded ({sure}): with the apparent mismatch corrected, {with} \
-             remains at best, compared with {without}."
+            " The channels are taken as they were recorded ({probable} sure): with the apparent mismatch corrected, \
+             {with} remains at best, compared with {without}."
         );
     }
     let wiring = if is_real { "channels as recorded" } else { "with the apparent mismatch corrected" };

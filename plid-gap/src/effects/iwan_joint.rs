@@ -80,8 +80,10 @@ impl Effect for IwanJoint {
         let moved = setting.plant.ports[port].moved_by().is_some();
         let far: &[f64] = if moved { &SLIPS_BEYOND } else { &[] };
         let lacking = SLIPS.iter().chain(far).map(|share| vec![0.01 * force / d, share * d, EXPONENT]);
-        let may_hold = !setting.contains_joints(port) && !moved && setting.stiffness[port] > 0.0;
-        let held = SLIPS.iter().filter(|_| may_hold).map(|share| vec![0.01 * force / d, share * d, EXPONENT, 1.0]);
+        let held = SLIPS
+            .iter()
+            .filter(|_| setting.may_contain_joints(port))
+            .map(|share| vec![0.01 * force / d, share * d, EXPONENT, 1.0]);
         lacking.chain(held).collect()
     }
 

@@ -56,7 +56,7 @@ impl Effect for JointHysteresis {
         let far: &[f64] = if setting.plant.ports[port].moved_by().is_some() { &[0.003, 0.01, 0.03, 0.1] } else { &[] };
         let plain = [0.25, 0.8, 2.5].iter().chain(far).map(|share| vec![0.01 * force / d, share * d]);
         let skewed = [0.0, -1.0].into_iter().flat_map(|h| [0.4, 1.2].map(|share| vec![0.01 * force / d, share * d, h]));
-        let held = HELD_YIELDS.iter().filter(|_| may_hold(setting, port));
+        let held = HELD_YIELDS.iter().filter(|_| setting.may_contain_joints(port));
         plain.into_iter().chain(skewed).chain(held.map(|share| vec![0.01 * force / d, share * d, 1.0, 1.0])).collect()
     }
 
@@ -96,12 +96,6 @@ impl Effect for JointHysteresis {
         }
         actions
     }
-}
-
-/// Returns whether the simulation may contain the stiffness of a joint at a port, where it does not do so by default.
-fn may_hold(setting: &Setting, port: usize) -> bool {
-    let moved = setting.plant.ports[port].moved_by().is_some();
-    !setting.contains_joints(port) && !moved && setting.stiffness[port] > 0.0
 }
 
 struct Joint {

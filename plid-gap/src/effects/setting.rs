@@ -130,6 +130,13 @@ impl Setting {
         self.is_on_a_mode(port) || self.plant.modes.len() == 1
     }
 
+    /// Returns whether the simulation may contain the stiffness of a joint at a port where it does not do so by
+    /// default.
+    pub(super) fn may_contain_joints(&self, port: usize) -> bool {
+        let moved = self.plant.ports[port].moved_by().is_some();
+        !self.contains_joints(port) && !moved && self.stiffness[port] > 0.0
+    }
+
     /// Returns whether the simulation may contain this share of a joint's stiffness k at a port: from none to all of
     /// it, and no more than the static stiffness there.
     pub(super) fn may_contain(&self, port: usize, share: f64, k: f64) -> bool {

@@ -18,10 +18,14 @@ use plid_fourier::C;
 /// Degree of the polynomials.
 const DEGREE: usize = 2;
 
-/// Equations that are left for the noise at each frequency, over the number of outputs.
+/// Number of equations that remain for the noise at each frequency, for each output.
 const FREE: usize = 4;
 
-/// Squared length of a regressor that is left by the others, over its own, below which it adds nothing.
+/// Most samples that are used of a record. Each frequency costs a basis of its own, and half as many frequencies show
+/// the level to two per cent.
+const MOST_SAMPLES: usize = 8192;
+
+/// Share of its squared length that the other regressors must leave of a regressor for it to count.
 const DEPENDENT: f64 = 1e-10;
 
 /// Returns what the inputs of a driven record do not explain of the error of a simulation (p channels), as a stretch
@@ -30,7 +34,10 @@ pub(crate) fn unexplained(record: &Record, error: &[Vec<f64>]) -> Option<Stretch
     if record.y.iter().flatten().any(|y| y.is_nan()) {
         return None;
     }
-    let (inputs, outputs) = (Stretch::new(&record.u), Stretch::new(error));
+    let part = |channels: &[Vec<f64>]| -> Vec<Vec<f64>> {
+        channels.iter().map(|x| x[..x.len().min(MOST_SAMPLES)].to_vec()).collect()
+    };
+    let (inputs, outputs) = (Stretch::new(&part(&record.u)), Stretch::new(&part(error)));
     let unknowns = (DEGREE + 1) * (record.u.len() + 1);
     let reach = (unknowns + FREE * record.y.len()).div_ceil(2);
     let count = outputs.bins[0].len();

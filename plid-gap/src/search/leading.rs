@@ -9,6 +9,9 @@ use crate::fit::refit::Refit;
 /// arrives at a resonance late, shows nothing before.
 pub(crate) fn leading(problem: &Problem, refitted: &Refit) -> usize {
     let settings = &problem.settings.search;
+    if problem.records.iter().all(|record| record.samples() <= settings.first_samples) {
+        return settings.first_samples;
+    }
     let errors = errors(problem, &refitted.eta, &[]);
     let driven = problem.records.iter().zip(&errors).filter(|(record, _)| record.is_driven());
     let of_output = |error: &Vec<f64>| until_typical(error, settings.first_samples, settings.first_share);

@@ -11,7 +11,7 @@ use crate::case::{Case, PortConfig};
 use crate::effects::Library;
 use crate::judge::verdict::Verdict;
 use crate::testing::blind::integrate;
-use crate::testing::{add_noise, four_records, held, random_input};
+use crate::testing::{add_noise, first_is, four_records, held, random_input};
 
 pub(super) const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
@@ -114,13 +114,7 @@ fn none(_d: f64, _v: f64) -> f64 {
 
 fn is_friction(found: &Diagnosis) {
     assert_eq!(found.verdict, Verdict::Effects, "{}", found.sentence);
-    let first = &found.effects[0];
-    assert_eq!(
-        (first.effect.as_str(), first.location.as_str()),
-        ("coulomb-friction", "input:u1"),
-        "{}",
-        found.sentence
-    );
+    let first = first_is(found, "coulomb-friction", "input:u1");
     let size = first.parameters["F"].value;
     assert!((size / 0.1 - 1.0).abs() < 0.05, "{size}: {}", found.sentence);
     // In the units of the channels, whichever of position and velocity is measured.
@@ -327,8 +321,7 @@ fn hard_stops_of_a_servo_are_named() {
     for (effect, force, position) in [("end-stop", both as fn(f64, f64) -> f64, "g"), ("one-sided-stop", above, "s")] {
         let found = Axis { mass: 1.0, c: 1.4 * w, k: w * w, force, position: true }.diagnosed();
         assert_eq!(found.verdict, Verdict::Effects, "{effect}: {}", found.sentence);
-        let first = &found.effects[0];
-        assert_eq!((first.effect.as_str(), first.location.as_str()), (effect, "input:u1"), "{}", found.sentence);
+        let first = first_is(&found, effect, "input:u1");
         let at = first.parameters[position].value;
         // A stop that gives way more, a little nearer, is almost as good an explanation.
         assert!((at / 0.0028 - 1.0).abs() < 0.1, "{effect}: {at}");

@@ -16,7 +16,7 @@ use crate::judge::verdict::Verdict;
 use crate::plant::Plant;
 use crate::simulate::{Fineness, simulate};
 use crate::testing::axis::{Axis, RATE};
-use crate::testing::random_input;
+use crate::testing::{first_is, random_input};
 
 const SAMPLES: usize = 2500;
 
@@ -201,13 +201,7 @@ fn friction_that_sticks_is_named_on_a_slider_under_control() {
     for given in [Given::References, Given::Commands] {
         let found = diagnosed(&written(&SLIDER.simulation(), GENTLE, &sticking(SLIDER), 1e-5, given));
         assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
-        let first = &found.effects[0];
-        assert_eq!(
-            (first.effect.as_str(), first.location.as_str()),
-            ("stick-friction", "input:u1"),
-            "{}",
-            found.sentence
-        );
+        let first = first_is(&found, "stick-friction", "input:u1");
         for (name, size) in [("Fc", 0.2), ("Fs", 0.3)] {
             let value = first.parameters[name].value;
             assert!((value / size - 1.0).abs() < 0.1, "{given:?}: {name} {value}: {}", found.sentence);
@@ -224,13 +218,7 @@ fn a_cubic_spring_is_named_on_an_unstable_pendulum() {
     for given in [Given::References, Given::Commands] {
         let found = diagnosed(&written(&PENDULUM.simulation(), FIRM, &cube, 5e-5, given));
         assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
-        let first = &found.effects[0];
-        assert_eq!(
-            (first.effect.as_str(), first.location.as_str()),
-            ("cubic-stiffness", "input:u1"),
-            "{}",
-            found.sentence
-        );
+        let first = first_is(&found, "cubic-stiffness", "input:u1");
         let value = first.parameters["k"].value;
         assert!((value / 3e4 - 1.0).abs() < 0.05, "{given:?}: {value}: {}", found.sentence);
     }

@@ -1,20 +1,18 @@
-//! A strongly stiffening oscillator at several levels, integrated by a Runge-Kutta method of fourth order.
+//! A strongly stiffening oscillator at several levels, integrated as the truths of the blind cases are.
 
 use std::f64::consts::TAU;
 
 use nalgebra::dmatrix;
-use plid_model::Model;
+use plid_model::{Continuous, Model, Port};
 
+use crate::case::Case;
 use crate::case::record::{Channels, rms};
-use crate::case::{Case, PortConfig};
 use crate::effects::Library;
+use crate::testing::blind::integrate;
 use crate::testing::{add_noise, four_records, held, only, random_input};
 
 const RATE: f64 = 200.0;
 const SAMPLES: usize = 800;
-
-/// Steps within a sample.
-const STEPS: usize = 12;
 
 /// Frequency in rad/s and damping ratio of small motions.
 const W: f64 = TAU * 17.0;
@@ -23,42 +21,36 @@ const ZETA: f64 = 0.05;
 /// The cubic stiffness over the linear one. In the loudest record, the spring stiffens by about its own stiffness.
 const CUBIC: f64 = 0.8;
 
-/// Returns the displacement under a command.
-fn displacement(u: &[f64]) -> Vec<f64> {
-    let h = 1.0 / (RATE * STEPS as f64);
-    let rates = |u: f64, [d, v]: [f64; 2]| [v, W * W * (u - d - CUBIC * d * d * d) - 2.0 * ZETA * W * v];
-    let mut x = [0.0; 2];
-    let mut seen = Vec::new();
-    for &u in u {
-        seen.push(x[0]);
-        for _ in 0..STEPS {
-            let beside = |k: [f64; 2], by: f64| [x[0] + by * k[0], x[1] + by * k[1]];
-            let a = rates(u, x);
-            let b = rates(u, beside(a, 0.5 * h));
-            let c = rates(u, beside(b, 0.5 * h));
-            let d = rates(u, beside(c, h));
-            x = std::array::from_fn(|k| x[k] + h / 6.0 * (a[k] + 2.0 * b[k] + 2.0 * c[k] + d[k]));
-        }
-    }
-    seen
+/// Returns the oscillator without its cubic spring, with a port at which that acts.
+fn oscillator() -> Model {
+    let (a, b) = (dmatrix![0.0, 1.0; -W * W, -2.0 * ZETA * W], dmatrix![0.0; W * W]);
+    let (step, input) = held(&a, &b, 1.0 / RATE);
+    let mut model = Model::new(RATE, step, input, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap();
+    model.continuous = Some(Continuous { a, b });
+    model.ports = vec![Port {
+        name: "axis".into(),
+        input: Some("u1".into()),
+        force: vec![0.0, W * W],
+        displacement: vec![1.0, 0.0],
+        velocity: vec![0.0, 1.0],
+        output: None,
+    }];
+    model
 }
 
 fn case() -> Case {
-    let (a, b) = held(&dmatrix![0.0, 1.0; -W * W, -2.0 * ZETA * W], &dmatrix![0.0; W * W], 1.0 / RATE);
-    let sim = Model::new(RATE, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap();
+    let sim = oscillator();
     let std = [1e-3];
     // A mean of two neighbours keeps most of the power below the fastest motion.
     let input = |k: usize| -> Channels {
         let drawn = &random_input(k as u64 + 1, SAMPLES + 1, 1)[0];
         vec![drawn.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect()]
     };
-    let mut case = four_records(&sim, &std, [0.15, 0.5, 1.5], input, |k, u| {
-        let mut y = vec![displacement(&u[0])];
+    four_records(&sim, &std, [0.15, 0.5, 1.5], input, |k, u| {
+        let (mut y, _) = integrate(&sim, u, Some(&|d, _| -CUBIC * d.powi(3)));
         add_noise(&mut y, k as u64 + 50, &std);
         y
-    });
-    case.config.port = vec![PortConfig { name: "axis".into(), input: "u1".into(), output: "y1".into() }];
-    case
+    })
 }
 
 /// The law is found in the weakest record and carried up to the loudest.

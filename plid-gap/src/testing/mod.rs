@@ -17,6 +17,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+use crate::answer::schema::{Diagnosis, NamedEffect};
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::case::{Case, CaseConfig};
 use crate::effects::Library;
@@ -94,6 +95,13 @@ pub fn case(sim: &Model, real: &Model) -> Case {
     let mut case = four_records(sim, &std, [1.0, 0.5, 1.0], input, measure);
     case.config.sim = Some("sim.json".into());
     case
+}
+
+/// Checks which effect is named first, and where. Returns it.
+pub fn first_is<'d>(found: &'d Diagnosis, effect: &str, location: &str) -> &'d NamedEffect {
+    let first = &found.effects[0];
+    assert_eq!((first.effect.as_str(), first.location.as_str()), (effect, location), "{}", found.sentence);
+    first
 }
 
 /// Leaves only these effects to a search, and those that no free run shows. Few rivals make it short.
