@@ -37,7 +37,7 @@ impl<'a> Search<'_, 'a> {
             }
             say(format!("trying other effects in place of effect {} of {}", at + 1, self.words(quick, &best)));
             fits.extend(self.others(quick, runs, &best, at, bounds, say));
-            fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
+            self.best_first(quick, &mut fits);
         }
         fits
     }
@@ -62,7 +62,7 @@ impl<'a> Search<'_, 'a> {
         let sized = distinct.take(self.settings.stepped);
         let mut fits: Vec<Fit> =
             sized.filter_map(|entry| self.sized(quick, runs, &beside.effects, &best.eta, entry)).collect();
-        fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
+        self.best_first(quick, &mut fits);
         fits.truncate(self.settings.refined);
         let fitted = fits.into_iter().map(|fit| quick.fit(runs, fit, self.settings.quick_steps, self.gain(quick)));
         let fitted: Vec<Fit> = fitted.collect();

@@ -17,6 +17,7 @@ mod judge;
 mod measure;
 mod noise;
 mod outcome;
+mod pairs;
 mod parameter;
 mod predict;
 mod problem;

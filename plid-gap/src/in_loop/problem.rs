@@ -62,7 +62,13 @@ pub(super) struct Fit<'a> {
     pub slopes: Option<Slopes>,
 }
 
-impl Fit<'_> {
+impl<'a> Fit<'a> {
+    /// Returns the explanation with the weights that the problem now has.
+    pub fn weighted_anew(&self, problem: &Problem<'a>) -> Self {
+        let again = problem.as_is(self.effects.clone(), self.eta.clone(), self.simulated.clone());
+        Self { covariance: self.covariance.clone(), ..again }
+    }
+
     /// Returns the number of effect parameters.
     pub fn parameters(&self) -> usize {
         self.effects.iter().map(|placed| placed.parameters.len()).sum()
@@ -82,25 +88,37 @@ impl<'a> Problem<'a> {
         noise: &[f64],
         band_hz: Option<[f64; 2]>,
     ) -> Self {
+        let mut model = NoiseModel::declared(&setting.plant, noise, &vec![0.0; setting.plant.m]);
+        model.band_hz = band_hz;
+        let mut problem = Self { records, setting, noise: model, nuisances: Vec::new(), whiteners: Vec::new() };
+        problem.weigh_for_search(noise, given);
+        problem
+    }
+
+    /// Weights the records by white noise: that of the outputs (p standard deviations), and a share of the gap of these
+    /// runs. A residual still contains the effects that are searched for, so its spectrum would excuse them.
+    pub fn weigh_for_search(&mut self, noise: &[f64], simulated: &[Channels]) {
         let gap = |o: usize| {
-            let errors = records.iter().zip(given).flat_map(|(record, y)| record.error(y)[o].clone());
+            let errors = self.records.iter().zip(simulated).flat_map(|(record, y)| record.error(y)[o].clone());
             rms(errors.collect::<Vec<f64>>())
         };
         let std: Vec<f64> =
             noise.iter().enumerate().map(|(o, noise)| noise.hypot(FIRST_DISCREPANCY * gap(o))).collect();
-        let mut model = NoiseModel::declared(&setting.plant, &std, &vec![0.0; setting.plant.m]);
-        model.band_hz = band_hz;
-        let mut problem = Self { records, setting, noise: model, nuisances: Vec::new(), whiteners: Vec::new() };
-        problem.weigh();
-        problem
+        self.be_white(&std);
+        self.weigh();
+    }
+
+    /// Sets the noise to white noise (p standard deviations).
+    fn be_white(&mut self, std: &[f64]) {
+        let band_hz = self.noise.band_hz;
+        self.noise = NoiseModel::declared(&self.setting.plant, std, &vec![0.0; self.setting.plant.m]);
+        self.noise.band_hz = band_hz;
     }
 
     /// Weights the records by the noise and the residual of an explanation beyond it.
     pub fn weigh_by(&mut self, noise: &[f64], fit: &Fit) {
         let rate = self.setting.plant.rate;
-        let band_hz = self.noise.band_hz;
-        self.noise = NoiseModel::declared(&self.setting.plant, noise, &vec![0.0; self.setting.plant.m]);
-        self.noise.band_hz = band_hz;
+        self.be_white(noise);
         let errors: Vec<Channels> = self.records.iter().zip(&fit.simulated).map(|(r, y)| r.error(y)).collect();
         let squares: Vec<f64> = noise.iter().map(|std| std * std).collect();
         self.noise.model_error = ModelError::left(&self.records, &errors, |_| squares.clone(), rate);
@@ -258,11 +276,6 @@ impl<'a> Problem<'a> {
         }
         self.weigh();
         Ok(())
-    }
-
-    /// Returns the whitened change from one set of runs to another.
-    pub fn trace(&self, from: &[Channels], to: &[Channels]) -> Vec<f64> {
-        self.whiten(&difference(to, from))
     }
 
     /// Returns the part of whitened values that the nuisances within their limits do not explain.

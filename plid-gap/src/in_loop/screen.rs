@@ -1,6 +1,7 @@
 //! The screen: one run for each effect, location and promising starting value shows how much of the gap its trace
 //! explains.
 
+use crate::case::record::Channels;
 use crate::effects::{Action, Effect, Range};
 use crate::fit::candidate::{in_words, same};
 use crate::fit::problem::{Placed, dot, sum_of_squares};
@@ -8,6 +9,7 @@ use crate::in_loop::bounds::Bounds;
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
 use crate::in_loop::search::Search;
+use crate::in_loop::slopes::difference;
 use crate::in_loop::stand_in::StandIn;
 use crate::search::rules::Scope;
 
@@ -20,10 +22,12 @@ pub(super) struct Entry<'a> {
     pub gain: f64,
     /// Factor by which its trace explains most.
     pub factor: f64,
+    /// The change of the outputs that it makes, its trace before the weights.
+    pub change: Vec<Channels>,
 }
 
 /// Range of the factors on a trace: beyond it, the shape of a trace says little about that of a larger effect.
-const STRETCHED: [f64; 2] = [0.2, 5.0];
+pub(super) const STRETCHED: [f64; 2] = [0.2, 5.0];
 
 /// Returns whether a foreign simulator can be run with an effect.
 fn possible(effect: &dyn Effect, placed: &Placed, problem: &Problem) -> bool {
@@ -63,8 +67,7 @@ impl<'a> Search<'_, 'a> {
             for (placed, simulated) in all.into_iter().zip(problem.simulate_all(runs, &asked)) {
                 // An effect with which the simulator fails is left out.
                 let Ok(simulated) = simulated else { continue };
-                let trace = problem.beyond_limits(&problem.trace(&beside.simulated, &simulated));
-                entries.extend(entry(problem, placed, &residual, &trace));
+                entries.extend(entry(problem, placed, &residual, difference(&simulated, &beside.simulated)));
             }
             if cut {
                 say("no runs are left for the rest of the screen".into());
@@ -111,8 +114,8 @@ fn promising<'a>(
     kept: usize,
 ) -> Vec<Placed<'a>> {
     let gain = |placed: &Placed<'a>| {
-        let trace = problem.beyond_limits(&problem.whiten(&[stand_in.change(problem, placed)?]));
-        Some(entry(problem, placed.clone(), residual, &trace).map_or(0.0, |entry| entry.gain))
+        let change = vec![stand_in.change(problem, placed)?];
+        Some(entry(problem, placed.clone(), residual, change).map_or(0.0, |entry| entry.gain))
     };
     let gains: Vec<Option<f64>> = all.iter().map(gain).collect();
     let better = |at: usize, than: f64| {
@@ -123,13 +126,14 @@ fn promising<'a>(
     all.into_iter().zip(runs).filter_map(|(placed, runs)| runs.then_some(placed)).collect()
 }
 
-/// Returns the entry of an effect with this trace, or `None` if the trace explains nothing.
-fn entry<'a>(problem: &Problem<'a>, placed: Placed<'a>, residual: &[f64], trace: &[f64]) -> Option<Entry<'a>> {
-    let size = dot(trace, trace);
+/// Returns the entry of an effect that changes the outputs so, or `None` if this explains nothing.
+fn entry<'a>(problem: &Problem<'a>, placed: Placed<'a>, residual: &[f64], change: Vec<Channels>) -> Option<Entry<'a>> {
+    let trace = problem.beyond_limits(&problem.whiten(&change));
+    let size = dot(&trace, &trace);
     if !(size.is_finite() && size > 0.0) {
         return None;
     }
-    let factor = dot(residual, trace) / size;
+    let factor = dot(residual, &trace) / size;
     let linear = placed.effect.amplitude().is_some();
     let positive = is_positive(&placed, problem);
     let used = if !linear {
@@ -139,12 +143,12 @@ fn entry<'a>(problem: &Problem<'a>, placed: Placed<'a>, residual: &[f64], trace:
     } else {
         factor
     };
-    let left: f64 = residual.iter().zip(trace).map(|(r, t)| (r - used * t).powi(2)).sum();
-    Some(Entry { placed, gain: sum_of_squares(residual) - left, factor })
+    let left: f64 = residual.iter().zip(&trace).map(|(r, t)| (r - used * t).powi(2)).sum();
+    Some(Entry { placed, gain: sum_of_squares(residual) - left, factor, change })
 }
 
 /// Whether the amplitude of an effect cannot change its sign.
-fn is_positive(placed: &Placed, problem: &Problem) -> bool {
+pub(super) fn is_positive(placed: &Placed, problem: &Problem) -> bool {
     let Some((index, none)) = placed.effect.amplitude() else { return true };
     none == 0.0 && placed.effect.parameters(&problem.setting)[index].range == Range::Positive
 }

@@ -6,6 +6,7 @@ use crate::effects::Effect;
 use crate::fit::candidate::{all_same, in_words, same};
 use crate::fit::problem::Placed;
 use crate::in_loop::judge::{Evidence, evidence, is_parameter};
+use crate::in_loop::pairs::Paired;
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
 use crate::in_loop::screen::Entry;
@@ -16,6 +17,10 @@ use crate::settings::LoopSettings;
 /// Least number of samples of a record on which effects are screened.
 const SHORTEST: usize = 64;
 
+/// Gaps, over the output, below which a record may be screened. The trace of an effect is a first-order approximation,
+/// which says less the larger the gap is.
+const NEAR: [f64; 2] = [0.5, 1.0];
+
 /// The result of a search.
 pub(super) struct Found<'a> {
     /// The simulator with its parameters fitted within their limits, without effects.
@@ -24,6 +29,15 @@ pub(super) struct Found<'a> {
     pub fits: Vec<Fit<'a>>,
     /// The screens, in order.
     pub screens: Vec<Vec<Entry<'a>>>,
+    /// The record of the first screen, and the number of its first samples.
+    pub first_head: Option<(usize, usize)>,
+}
+
+impl<'a> Found<'a> {
+    /// Weights all explanations as the problem now does.
+    fn weigh_anew(&mut self, problem: &Problem<'a>) {
+        self.fits.iter_mut().chain([&mut self.refit]).for_each(|fit| *fit = fit.weighted_anew(problem));
+    }
 }
 
 /// The search and its bounds.
@@ -56,7 +70,7 @@ impl<'a> Search<'_, 'a> {
             say("fitting the parameters within their limits".into());
             refit = problem.fit(runs, as_given, self.settings.steps, self.gain(problem));
         }
-        let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new() };
+        let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new(), first_head: None };
         // An effect that does not suffice alone is kept, because two effects may hide each other.
         let mut insufficient: Option<Fit> = None;
         for stage in 0..self.settings.effects {
@@ -68,15 +82,30 @@ impl<'a> Search<'_, 'a> {
                 break;
             }
             say(format!("stage {}: screening effects", stage + 1));
-            let tried = self.stage(problem, runs, &beside, &mut found, say);
+            if stage > 0 {
+                problem.weigh_for_search(&self.noise, &standing.simulated);
+                found.weigh_anew(problem);
+            }
+            let doubtful = self.doubtful(problem, &found);
+            let mut tried = Vec::new();
+            if stage == 1 && self.left(problem, &standing) >= doubtful {
+                tried = self.stage_of_pair(problem, runs, &mut found, say);
+            }
+            // A pair that fits the head of a record may fit nothing else.
+            if tried.iter().all(|fit| self.left(problem, fit) >= doubtful) {
+                tried.extend(self.stage(problem, runs, &beside, None, &mut found, say));
+            }
             let best = tried.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned();
             found.fits.extend(tried);
             let Some(best) = best else { break };
-            let accepted = self.accepts(problem, &best, &standing, least);
+            let accepted = self.accepts(problem, &best, &standing.weighted_anew(problem), least);
             if accepted {
                 self.weigh(problem, runs, &mut found, &best);
+            } else if stage > 0 {
+                problem.weigh_by(&self.noise, &standing);
+                found.weigh_anew(problem);
             }
-            found.fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
+            self.best_first(problem, &mut found.fits);
             if !accepted {
                 self.keep_first(&mut found.fits, &standing);
                 if self.left(problem, &standing) < self.material {
@@ -95,12 +124,33 @@ impl<'a> Search<'_, 'a> {
         self.settings.fit_gain * problem.rows() as f64
     }
 
-    /// Screens effects in the presence of an explanation, and fits the best entries.
+    /// Fits a pair of effects that explains most of the gap, and its rivals, if the first screen shows such a pair.
+    fn stage_of_pair(
+        &self,
+        problem: &Problem<'a>,
+        runs: &mut Runs,
+        found: &mut Found<'a>,
+        say: &mut dyn FnMut(String),
+    ) -> Vec<Fit<'a>> {
+        let Some(pair) = self.paired(problem, runs, found, say) else { return Vec::new() };
+        let stronger = vec![pair.stronger.clone()];
+        let Some(stronger) = self.begun(problem, runs, stronger, &found.refit.eta) else { return Vec::new() };
+        self.stage(problem, runs, &stronger, Some(pair), found, say)
+    }
+
+    /// Returns the share of the output above which an explanation with a further effect is doubtful.
+    pub(super) fn doubtful(&self, problem: &Problem, found: &Found) -> f64 {
+        self.settings.doubtful * self.left(problem, &found.refit).min(1.0)
+    }
+
+    /// Screens effects in the presence of an explanation, and fits the best entries. In the presence of the stronger
+    /// effect of the best pair, the traces of the first screen say which entries are best.
     fn stage(
         &self,
         problem: &Problem<'a>,
         runs: &mut Runs,
         beside: &Fit<'a>,
+        paired: Option<Paired<'a>>,
         found: &mut Found<'a>,
         say: &mut dyn FnMut(String),
     ) -> Vec<Fit<'a>> {
@@ -109,11 +159,21 @@ impl<'a> Search<'_, 'a> {
         let start = quick.on_head(beside, record);
         // Half of the runs are kept for the fits.
         let half = runs.bounds().half(runs.spent());
-        let entries = self.screen(&quick, runs, &start, half, say);
-        let mut tried = self.tried(&quick, runs, &start, &entries, say);
+        let doubtful = self.doubtful(problem, found);
+        let (entries, stepped) = match &paired {
+            Some(paired) => (paired.entries.clone(), self.settings.fitted),
+            None => (self.screen(&quick, runs, &start, half, say), self.settings.stepped),
+        };
+        found.first_head.get_or_insert((record, heads[0]));
+        let mut tried = self.tried(&quick, runs, &start, (&entries, stepped), say);
+        for effects in paired.into_iter().flat_map(|paired| paired.pairs) {
+            if let Some(fit) = self.begun(&quick, runs, effects, &beside.eta) {
+                self.keep_better(&mut tried, fit);
+            }
+        }
+        self.best_first(&quick, &mut tried);
         if !start.effects.is_empty() {
-            let least = self.settings.doubtful * self.left(problem, &found.refit).min(1.0);
-            tried = self.exchange(&quick, runs, tried, (least, half), say);
+            tried = self.exchange(&quick, runs, tried, (doubtful, half), say);
         }
         let mut leading = self.leading(&quick, tried);
         for samples in &heads[1..] {
@@ -134,20 +194,21 @@ impl<'a> Search<'_, 'a> {
 
     /// Returns the record on which effects are screened, and the numbers of its first samples that are fitted in turn.
     ///
-    /// It is the loudest record with a gap that is smaller than the output. If the gap is larger than the output, the
-    /// simulation is far from the record, and the traces of effects say little. If this is so in all records, the
-    /// loudest one is shortened until its gap is smaller than the output. Explanations that fit its first samples are
-    /// then fitted to more and more samples.
+    /// It is the loudest record with a gap below half of the output, or else the loudest one with a gap below the
+    /// output. If the gap exceeds the output in all records, the loudest one is shortened until its gap is smaller than
+    /// the output. Explanations that fit its first samples are then fitted to more and more samples.
     pub(super) fn heads(&self, problem: &Problem<'a>, beside: &Fit<'a>) -> (usize, Vec<usize>) {
         let levels: Vec<f64> = problem.records.iter().map(crate::case::record::Record::level).collect();
         let mut order: Vec<usize> = (0..levels.len()).filter(|k| levels[*k] > 0.0).collect();
         order.sort_by(|&a, &b| levels[b].total_cmp(&levels[a]));
         let gap = |k: usize| gap::of_driven(&problem.records[k..=k], &beside.simulated[k..=k]);
         let floor = |k: usize| gap::floor_over(&self.noise, &[problem.records[k].y.as_slice()]);
-        let shows = |k: &usize| gap(*k) < 1.0 && gap(*k).powi(2) - floor(*k).powi(2) > self.material.powi(2);
+        let shows = |k: usize| gap(k).powi(2) - floor(k).powi(2) > self.material.powi(2);
         let whole = |k: usize| problem.records[k].samples().min(self.settings.screened_samples);
-        if let Some(record) = order.iter().copied().find(shows) {
-            return (record, vec![whole(record)]);
+        for near in NEAR {
+            if let Some(record) = order.iter().copied().find(|&k| gap(k) < near && shows(k)) {
+                return (record, vec![whole(record)]);
+            }
         }
         let record = order.first().copied().unwrap_or(0);
         let near = |samples: usize| {
@@ -196,7 +257,13 @@ impl<'a> Search<'_, 'a> {
     }
 
     /// Returns the start of a fit, unless the bounds do not allow its runs or the simulator fails.
-    fn begun(&self, problem: &Problem<'a>, runs: &mut Runs, effects: Vec<Placed<'a>>, eta: &[f64]) -> Option<Fit<'a>> {
+    pub(super) fn begun(
+        &self,
+        problem: &Problem<'a>,
+        runs: &mut Runs,
+        effects: Vec<Placed<'a>>,
+        eta: &[f64],
+    ) -> Option<Fit<'a>> {
         let at = [(effects, eta.to_vec())];
         let names = &problem.setting.names;
         let what = || format!("the fit of {} to {} samples", in_words(&at[0].0, names), problem.samples());
@@ -210,20 +277,21 @@ impl<'a> Search<'_, 'a> {
 
     /// Returns the effects of the fits with the smallest residuals, without those that are far behind the best.
     fn leading(&self, problem: &Problem<'a>, mut fits: Vec<Fit<'a>>) -> Vec<Vec<Placed<'a>>> {
-        fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
+        self.best_first(problem, &mut fits);
         let nearest = fits.iter().map(|fit| self.left(problem, fit)).fold(f64::INFINITY, f64::min);
         fits.retain(|fit| self.left(problem, fit) <= self.settings.far * nearest.max(self.material));
         fits.into_iter().take(self.settings.fitted).map(|fit| fit.effects).collect()
     }
 
     /// Runs the best start of each effect at each place in three sizes on the head of one record, and fits the leading
-    /// ones in a few steps. Returns the best of these fits, one for each effect at each place, the best first.
+    /// ones in a few steps, at most `most` of those that take runs. Returns the best of these fits, one for each effect
+    /// at each place, the best first.
     fn tried(
         &self,
         quick: &Problem<'a>,
         runs: &mut Runs,
         start: &Fit<'a>,
-        entries: &[Entry<'a>],
+        (entries, most): (&[Entry<'a>], usize),
         say: &mut dyn FnMut(String),
     ) -> Vec<Fit<'a>> {
         // The best start of each effect at each place comes first, then the second best of each.
@@ -236,25 +304,35 @@ impl<'a> Search<'_, 'a> {
         for entry in chosen {
             sized.extend(self.sized(quick, runs, &start.effects, &start.eta, entry));
         }
-        sized.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
+        self.best_first(quick, &mut sized);
         let mut fits: Vec<Fit> = Vec::new();
         let mut stepped = 0;
         for from in sized {
             let mut fit = from;
             let before = runs.calls().runs;
-            if stepped < self.settings.stepped {
+            if stepped < most {
                 fit = quick.fit(runs, fit, self.settings.quick_steps, self.gain(quick));
                 stepped += usize::from(runs.calls().runs > before);
             }
             say(format!("tried {}, {} runs so far", self.words(quick, &fit), runs.calls().runs));
-            match fits.iter_mut().find(|other| all_same(&other.effects, &fit.effects)) {
-                Some(other) if other.cost <= fit.cost => {}
-                Some(other) => *other = fit,
-                None => fits.push(fit),
-            }
+            self.keep_better(&mut fits, fit);
         }
-        fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
+        self.best_first(quick, &mut fits);
         fits
+    }
+
+    /// Adds a fit, in place of one of the same effects if it is better.
+    fn keep_better(&self, fits: &mut Vec<Fit<'a>>, fit: Fit<'a>) {
+        match fits.iter_mut().find(|other| all_same(&other.effects, &fit.effects)) {
+            Some(other) if other.cost <= fit.cost => {}
+            Some(other) => *other = fit,
+            None => fits.push(fit),
+        }
+    }
+
+    /// Sorts explanations by their cost with its price.
+    pub(super) fn best_first(&self, problem: &Problem, fits: &mut [Fit]) {
+        fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
     }
 
     /// Runs an entry in three sizes together with other effects, and returns the best explanation.
@@ -268,6 +346,16 @@ impl<'a> Search<'_, 'a> {
     ) -> Option<Fit<'a>> {
         let with = |placed: Placed<'a>| (beside.iter().cloned().chain([placed]).collect(), eta.to_vec());
         let sizes: Vec<(Vec<Placed>, Vec<f64>)> = entry.sizes(quick).into_iter().map(with).collect();
+        self.best_of(quick, runs, sizes)
+    }
+
+    /// Runs several explanations by the same effects and returns the best one.
+    pub(super) fn best_of(
+        &self,
+        quick: &Problem<'a>,
+        runs: &mut Runs,
+        sizes: Vec<(Vec<Placed<'a>>, Vec<f64>)>,
+    ) -> Option<Fit<'a>> {
         let names = &quick.setting.names;
         if !quick.may_simulate(runs, &sizes, || format!("a trial of {}", in_words(&sizes[0].0, names))) {
             return None;
@@ -283,13 +371,8 @@ impl<'a> Search<'_, 'a> {
     /// Weights all explanations by the residual of the best one, and fits the leading ones again.
     pub(super) fn weigh(&self, problem: &mut Problem<'a>, runs: &mut Runs, found: &mut Found<'a>, best: &Fit<'a>) {
         problem.weigh_by(&self.noise, best);
-        let anew = |fit: &Fit<'a>| {
-            let again = problem.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());
-            Fit { covariance: fit.covariance.clone(), ..again }
-        };
-        found.fits = found.fits.iter().map(anew).collect();
-        found.refit = anew(&found.refit);
-        found.fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
+        found.weigh_anew(problem);
+        self.best_first(problem, &mut found.fits);
         let rivals = self.settings.refined.min(found.fits.len());
         for k in 0..rivals {
             if found.fits[k].effects.is_empty() {

@@ -234,6 +234,19 @@ fn a_search_within_its_bounds_leaves_nothing_out() {
     assert!(json.get("ended_by").is_none() && json.get("left_out").is_none(), "{json}");
 }
 
+/// A lighter link and friction at the motor: the effect that explains most alone is neither, but their traces explain
+/// the gap together.
+#[test]
+fn two_causes_are_found_together() {
+    let truth = Numbers { link: 0.75 * NOMINAL.link, ..NOMINAL };
+    let outcome = diagnosed(&case(&truth, |x, _, _| [-0.1 * (x[2] / 0.1).tanh(), 0.0, 0.0], same, as_it_is));
+    let named = outcome.diagnosis.effects.iter().map(|effect| (effect.effect.as_str(), effect.location.as_str()));
+    let mut named: Vec<_> = named.collect();
+    named.sort_unstable();
+    let both = [("coulomb-friction", "input:torque"), ("simulator-parameter", "parameter:link inertia")];
+    assert_eq!(named, both, "{}", outcome.diagnosis.sentence);
+}
+
 /// Beyond the inputs and the motion of the fitted records, the expected gap grows, and what exceeds them is named.
 #[test]
 fn the_expected_gap_grows_beyond_what_was_fitted() {

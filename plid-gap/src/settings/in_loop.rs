@@ -6,8 +6,8 @@ group! {
     /// The diagnosis with the engineer's own simulator in the loop.
     LoopSettings {
         /// Largest number of runs of the simulator, on one record each. The answer states whether the limit ended the
-        /// search early, and what was left out. The drawn MuJoCo cases took 223 runs in the median with one cause, and
-        /// up to 893 with two.
+        /// search early, and what was left out. The drawn MuJoCo cases took 224 runs in the median with one cause, and
+        /// up to 843 with two.
         calls: usize = 1000, "1", 10.0..=1e9;
         /// Longest time in the simulator, over all runs; parallel runs count once. It ends a search as
         /// `calls` does, but the answer then depends on the speed of the machine. The default, some thirty years, is
@@ -21,20 +21,21 @@ group! {
         /// the realisation, a singular value decomposition, grows with the cube of this number.
         model_states: usize = 200, "1", 0.0..=1e4;
         /// Number of samples of one record on which effects are screened: the loudest one in which the gap is smaller
-        /// than the output. The time of a run grows with it, and a screen takes up to `starts` runs for each effect at
-        /// each location.
+        /// than half of the output, or else than the output. The time of a run grows with it, and a screen takes up to
+        /// `starts` runs for each effect at each location.
         screened_samples: usize = 8192, "samples", 64.0..=1e9;
         /// Number of entries of a screen that are run in three sizes, on the first samples of that record. A trace is
         /// only a first-order approximation, so the order of a screen is uncertain; this takes at most 72 runs.
         tried: usize = 24, "1", 1.0..=1e3;
         /// Number of these that are then fitted in a few steps: the better half of `tried`, because a fit takes more
-        /// runs than three sizes do. Effects of the measurement alone take no runs and are all fitted.
+        /// runs than three sizes do. Effects of the measurement alone take no runs and are all fitted. Also the number
+        /// of pairs of effects that are run in three sizes.
         stepped: usize = 12, "1", 1.0..=1e3;
         /// Largest number of steps of such a fit. It only has to rank the effects; the leading ones are fitted to
         /// convergence later.
         quick_steps: usize = 3, "1", 1.0..=1e3;
         /// Largest number of effects that are then fitted to all records. In each step, such a fit takes a run for each
-        /// record and parameter.
+        /// record and parameter. Also the number of pairs, and of rivals of a pair, that are fitted in a few steps.
         fitted: usize = 5, "1", 1.0..=1e3;
         /// An effect is fitted to all records only if the gap that it leaves after those few steps is at most this many
         /// times the gap that the best one leaves. The factor allows for fits that have not converged.
@@ -52,11 +53,12 @@ group! {
         /// Number of explanations that are fitted again after the weights have changed. New weights change the order
         /// mainly among the leading explanations, and each fit takes as many runs as before.
         refined: usize = 3, "1", 1.0..=100.0;
-        /// If an explanation with a further effect leaves more than this share of the whole gap, each of its effects is
-        /// replaced in turn by all others. The first effect may only imitate a part of both causes, and the pair then
-        /// leaves more than a law that is nearly the true one does (`least_of_gap`).
+        /// Share of the whole gap above which what an explanation leaves is doubtful. After such a first effect, pairs
+        /// of effects are tried; after such a pair, each of its effects is replaced in turn by all others. The first
+        /// effect may only imitate a part of both causes, and then leaves more than a law that is nearly the true one
+        /// does (`least_of_gap`).
         doubtful: f64 = 0.1, "1", 0.0..=1.0;
-        /// Largest number of effects of an explanation. Each further effect takes another screen and further fits, and
+        /// Largest number of effects of an explanation. Each further effect takes another screen or further fits, and
         /// two are the most that the drawn cases contain.
         effects: usize = 2, "1", 1.0..=10.0;
         /// Share of the material gap that a further effect must close, in amplitude. A smaller one may exist, but the
