@@ -1,14 +1,15 @@
 //! The `plid` program.
 
-use std::alloc::System;
 use std::process::ExitCode;
 
-use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
+use cap::Cap;
+use mimalloc::MiMalloc;
 
-/// The system's allocator with a counter, so that `plid bench speed` can state the allocations of a step.
+/// The allocator with a counter, so that `plid bench speed` can state what a step allocates.
 #[global_allocator]
-static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+static ALLOCATOR: Cap<MiMalloc> = Cap::new(MiMalloc, usize::MAX);
 
 fn main() -> ExitCode {
+    plid_bench::speed::count_allocations_by(|| ALLOCATOR.total_allocated());
     plid_cli::main()
 }

@@ -3,6 +3,7 @@
 //! [`carry_out`] measures, [`Outcome`] holds the results, [`write_all`] writes the files, and [`compare`] compares them
 //! with those of an earlier run.
 
+mod allocated;
 mod cell;
 pub mod compare;
 mod config;
@@ -23,6 +24,7 @@ use std::path::Path;
 use plid_catalogue::ScalarName;
 use serde::{Deserialize, Serialize};
 
+pub use allocated::count_allocations_by;
 pub use cell::{Cell, OUTPUTS, expectations, word};
 pub use config::{Config, Cross, FULL, QUICK};
 pub use cores::Cores;

@@ -88,8 +88,8 @@ pub struct Timing {
     pub pass_ratios: Vec<f64>,
     /// The median of these.
     pub passes: f64,
-    /// Allocations within all timed steps; none where they were not counted.
-    pub allocations: Option<usize>,
+    /// Bytes allocated within all timed steps; none where they were not counted.
+    pub allocated_bytes: Option<usize>,
     /// Number of times that the recursion failed and was restarted.
     pub restarts: usize,
     /// Operations of a step.
@@ -181,7 +181,7 @@ pub struct Row {
     p99_9_us: f64,
     longest_us: f64,
     passes: f64,
-    allocations: Option<usize>,
+    allocated_bytes: Option<usize>,
     restarts: usize,
     flops: u64,
     bytes: f64,
@@ -210,7 +210,7 @@ impl Outcome {
             p99_9_us: timing.p99_9_us,
             longest_us: timing.longest_us,
             passes: timing.passes,
-            allocations: timing.allocations,
+            allocated_bytes: timing.allocated_bytes,
             restarts: timing.restarts,
             flops: timing.operations.total(),
             bytes: timing.bytes,
@@ -309,7 +309,7 @@ pub fn timing(cell: &Cell, visits: &[&Visit], operations: Operations) -> Timing 
         longest_us: times.quantile_us(1.0),
         passes: median(&pass_ratios),
         pass_ratios,
-        allocations: visits.iter().map(|visit| visit.allocations).sum(),
+        allocated_bytes: visits.iter().map(|visit| visit.allocated_bytes).sum(),
         restarts: visits.iter().map(|visit| visit.restarts).sum(),
         operations,
         bytes,
@@ -375,10 +375,10 @@ mod tests {
 
     #[test]
     fn a_cell_is_the_middle_of_its_rounds() {
-        let visit = |median_us: f64, pass_us: f64, allocations| Visit {
+        let visit = |median_us: f64, pass_us: f64, allocated_bytes| Visit {
             median_us,
             pass_us,
-            allocations,
+            allocated_bytes,
             restarts: 1,
             times: Histogram::of(&[(1e3 * median_us) as u32]),
         };
@@ -387,10 +387,10 @@ mod tests {
         let operations = Operations { additions: 9000, ..Operations::default() };
         let found = timing(&cell, &visits.iter().collect::<Vec<_>>(), operations);
         assert_eq!((found.median_us, found.least_us, found.passes), (9.0, 8.0, 4.0));
-        assert_eq!((found.steps, found.restarts, found.allocations), (3, 3, Some(1)));
+        assert_eq!((found.steps, found.restarts, found.allocated_bytes), (3, 3, Some(1)));
         assert!((found.gflops - 1.0).abs() < 1e-12);
         let uncounted = [visit(1.0, 1.0, Some(0)), visit(1.0, 1.0, None)];
-        assert_eq!(timing(&cell, &uncounted.iter().collect::<Vec<_>>(), operations).allocations, None);
+        assert_eq!(timing(&cell, &uncounted.iter().collect::<Vec<_>>(), operations).allocated_bytes, None);
     }
 }
 
@@ -413,7 +413,7 @@ pub mod testing {
             .map(|ratio| {
                 let median_us = ratio * pass_us;
                 let times = Histogram::of(&[(1e3 * median_us) as u32]);
-                Visit { median_us, pass_us, allocations: Some(0), restarts: 0, times }
+                Visit { median_us, pass_us, allocated_bytes: Some(0), restarts: 0, times }
             })
             .collect();
         let operations = Operations { additions: (cell.joint_states() as u64).pow(2), ..Operations::default() };

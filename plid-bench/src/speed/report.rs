@@ -241,7 +241,7 @@ fn cell_table(outcome: &Outcome) -> Table {
     .column("bytes", "kB")
     .column("", "Gflop/s")
     .column("", "GB/s")
-    .column("allocations", "")
+    .column("allocated", "bytes")
     .column("restarts", "");
     let row = |timing: &Timing| {
         [
@@ -255,7 +255,7 @@ fn cell_table(outcome: &Outcome) -> Table {
             Shown::significant(timing.bytes / 1e3, 3),
             Shown::significant(timing.gflops, 3),
             Shown::significant(timing.gbytes_s, 3),
-            timing.allocations.map_or("–".into(), Shown::from),
+            timing.allocated_bytes.map_or("–".into(), Shown::from),
             timing.restarts.into(),
         ]
     };

@@ -206,14 +206,14 @@ fn real_time(outcome: &Outcome, form: Form) -> Option<Target> {
 }
 
 fn allocations(outcome: &Outcome) -> Option<Target> {
-    let counted: Vec<usize> = outcome.timings.iter().filter_map(|timing| timing.allocations).collect();
+    let counted: Vec<usize> = outcome.timings.iter().filter_map(|timing| timing.allocated_bytes).collect();
     let total: usize = counted.iter().sum();
     let guilty = || {
-        let first = outcome.timings.iter().find(|timing| timing.allocations.is_some_and(|count| count > 0));
+        let first = outcome.timings.iter().find(|timing| timing.allocated_bytes.is_some_and(|count| count > 0));
         first.map(|timing| format!("for one: {}", timing.key)).unwrap_or_default()
     };
     (!counted.is_empty()).then(|| Target {
-        what: format!("allocations within all timed steps of {} cells", counted.len()),
+        what: format!("bytes allocated within all timed steps of {} cells", counted.len()),
         target: "0".into(),
         found: total.to_string(),
         met: Some(total == 0),
@@ -249,7 +249,7 @@ mod tests {
         assert_eq!(ud.met, Some(false));
         assert!(ud.reason.contains("the step takes 700 us"), "{}", ud.reason);
         assert_eq!(target(&bad, "real time at 1600 Hz: p99.9 of bierman-ud, joint-ekf").met, Some(false));
-        assert_eq!(target(&good, "allocations within all timed steps of 2 cells").met, Some(true));
+        assert_eq!(target(&good, "bytes allocated within all timed steps of 2 cells").met, Some(true));
     }
 
     #[test]

@@ -7,8 +7,8 @@ use plid_catalogue::{ScalarName, VariantError};
 use plid_core::{IdentifierError, Scalar};
 use plid_model::signal::median;
 use serde::{Deserialize, Serialize};
-use stats_alloc::{INSTRUMENTED_SYSTEM, Region};
 
+use super::allocated::allocated;
 use super::cell::Cell;
 use super::config::Config;
 use super::cores::Cores;
@@ -23,9 +23,9 @@ pub struct Visit {
     pub median_us: f64,
     /// Time of a pass over an N x N matrix, us: the mean of one right before the steps and one right after them.
     pub pass_us: f64,
-    /// Allocations within the timed steps, of all threads; none where the program does not count them.
+    /// Bytes that all threads allocate within the timed steps; none where the program does not count them.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub allocations: Option<usize>,
+    pub allocated_bytes: Option<usize>,
     /// How often the recursion failed and was restarted.
     pub restarts: usize,
     /// Times of all steps.
@@ -83,7 +83,7 @@ pub fn visit(cell: &Cell, workload: &Workload<'_>, cores: &Cores, config: &Confi
 fn timed<'a>(mut build: impl FnMut() -> Result<Loop<'a>, VariantError>, config: &Config) -> Result<Visit, VisitError> {
     let least_steps = config.steps_a_visit();
     let mut times: Vec<u32> = Vec::with_capacity(MOST_STEPS.max(least_steps));
-    let (mut allocations, mut restarts) = (0, 0);
+    let (mut allocated_bytes, mut restarts) = (allocated().map(|_| 0), 0);
     let mut elapsed_ns = 0;
     'anew: loop {
         let mut steps = build()?;
@@ -93,7 +93,8 @@ fn timed<'a>(mut build: impl FnMut() -> Result<Loop<'a>, VariantError>, config: 
                 if restarts > MOST_RESTARTS { return Err(VisitError::Fails(error)) } else { continue 'anew }
             }
         }
-        let region = Region::new(&INSTRUMENTED_SYSTEM);
+        let before = allocated();
+        let since = |sum: Option<usize>| Some(sum? + allocated()? - before?);
         while times.len() < least_steps
             || (times.len() < times.capacity() && (elapsed_ns as f64) < 1e6 * config.visit_ms)
         {
@@ -101,36 +102,23 @@ fn timed<'a>(mut build: impl FnMut() -> Result<Loop<'a>, VariantError>, config: 
             let result = steps.step();
             let time_ns = start.elapsed().as_nanos().min(u32::MAX.into()) as u32;
             if let Err(error) = result {
-                allocations += region.change().allocations;
+                allocated_bytes = since(allocated_bytes);
                 restarts += 1;
                 if restarts > MOST_RESTARTS { return Err(VisitError::Fails(error)) } else { continue 'anew }
             }
             times.push(time_ns);
             elapsed_ns += u64::from(time_ns);
         }
-        allocations += region.change().allocations;
+        allocated_bytes = since(allocated_bytes);
         break;
     }
     let histogram = Histogram::of(&times);
-    Ok(Visit {
-        median_us: median_us(&times),
-        pass_us: f64::NAN,
-        allocations: allocations_are_counted().then_some(allocations),
-        restarts,
-        times: histogram,
-    })
+    Ok(Visit { median_us: median_us(&times), pass_us: f64::NAN, allocated_bytes, restarts, times: histogram })
 }
 
 /// Returns the median of times in ns, in us.
 fn median_us(times: &[u32]) -> f64 {
     median(&times.iter().map(|&ns| f64::from(ns) / 1e3).collect::<Vec<f64>>())
-}
-
-/// Whether the program has the counting allocator as its own.
-fn allocations_are_counted() -> bool {
-    let region = Region::new(&INSTRUMENTED_SYSTEM);
-    drop(std::hint::black_box(Box::new(0_u64)));
-    region.change().allocations > 0
 }
 
 /// Time of a pass over an N x N matrix, us.
@@ -184,7 +172,7 @@ mod tests {
         assert!(visit.median_us > 0.0 && visit.pass_us > 0.0);
         assert!((visit.times.quantile_us(0.5) / visit.median_us - 1.0).abs() < 0.5);
         // Tests have no counting allocator: nothing is claimed then.
-        assert_eq!(visit.allocations, None);
+        assert_eq!(visit.allocated_bytes, None);
     }
 
     #[test]

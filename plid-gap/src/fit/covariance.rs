@@ -29,13 +29,12 @@ impl Problem {
         let columns = self.effect_columns(&plant, eta, effects, residual, &scales, fineness);
         let mut normal = Normal::new(self.nuisance.len() + scales.len());
         self.assemble(jacobian, &columns, eta, &mut normal);
-        let (Some(inverse), Some(linear)) = (self.inverse(&normal, effects, &scales), jacobian.matrix()) else {
+        let (Some(inverse), Some(linear)) = (self.inverse(&normal, effects, &scales), jacobian.columns()) else {
             return self.model_covariance(&normal, effects, &scales);
         };
         let prior: Vec<f64> = self.nuisance.std.iter().map(|std| std.powi(-2)).collect();
-        let (blocks, most_leverage) =
-            ([linear, columns.matrix().subcols(0, scales.len())], self.settings.fit.most_leverage);
-        let by = widened(&blocks, &prior, residual, &inverse, scales.len(), most_leverage);
+        let (own, most_leverage) = (columns.matrix().subcols(0, scales.len()), self.settings.fit.most_leverage);
+        let by = widened(linear, own, &prior, residual, &inverse, most_leverage);
         let model = in_units(&inverse, effects, &scales);
         DMatrix::from_fn(by.len(), by.len(), |i, j| by[i] * by[j] * model[(i, j)])
     }

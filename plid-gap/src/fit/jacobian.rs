@@ -11,6 +11,7 @@ use crate::fit::derivatives::Derivatives;
 use crate::fit::descent::{Fit, Point};
 use crate::fit::problem::{Placed, Problem};
 use crate::fit::scale::{Scale, stepped};
+use crate::fit::single::Single;
 use crate::plant::{Plant, Spectrum};
 use crate::simulate::Fineness;
 
@@ -26,7 +27,7 @@ pub struct Jacobian {
 #[derive(Clone)]
 enum Kept {
     /// All of them.
-    Values(Columns),
+    Values(Single),
     /// Those of each record, before they are whitened: hundreds of whitened ones take many times the memory of the
     /// records.
     Signals(Vec<Derivatives>),
@@ -34,25 +35,24 @@ enum Kept {
 
 impl Jacobian {
     /// Creates the Jacobian from its columns; the parameters have a prior of these standard deviations.
-    pub fn new(values: Vec<f64>, rows: usize, std: &[f64]) -> Self {
-        let columns = Columns { rows, values };
-        let mut normal = product(columns.matrix(), columns.matrix());
+    fn new(columns: Single, std: &[f64]) -> Self {
+        let mut normal = columns.square();
         add_prior(&mut normal, std);
         Self { normal, kept: Kept::Values(columns) }
     }
 
-    /// The derivatives as a matrix, where they are kept as such.
-    pub(super) fn matrix(&self) -> Option<MatRef<'_, f64>> {
+    /// The derivatives themselves, where they are kept as such.
+    pub(super) fn columns(&self) -> Option<&Single> {
         match &self.kept {
-            Kept::Values(columns) => Some(columns.matrix()),
-            _ => None,
+            Kept::Values(columns) => Some(columns),
+            Kept::Signals(_) => None,
         }
     }
 
     /// Returns J' V for V of several columns, whose rows are those of the problem.
     pub(super) fn cross(&self, problem: &Problem, v: MatRef<'_, f64>) -> DMatrix<f64> {
         let of_records = match &self.kept {
-            Kept::Values(columns) => return product(columns.matrix(), v),
+            Kept::Values(columns) => return columns.product(v),
             Kept::Signals(of_records) => of_records,
         };
         let mut products = DMatrix::zeros(problem.nuisance.len(), v.ncols());
@@ -156,14 +156,13 @@ impl Problem {
         // A wide prior says nothing about that; the parameters are relative changes.
         const MOST: f64 = 1e-3;
         let (rows, actions) = (self.rows(), self.actions(&at.effects));
-        let mut values = vec![0.0; rows * self.nuisance.len()];
-        values.par_chunks_mut(rows).enumerate().for_each(|(k, column)| {
+        let columns = Single::filled(rows, self.nuisance.len(), |k, column| {
             let step = (STEP * self.nuisance.std[k]).min(MOST);
             let mut eta = at.eta.clone();
             eta[k] += step;
             let mut put = |range: std::ops::Range<usize>, moved: &[f64]| {
                 let before = &at.residual[range.clone()];
-                column[range].iter_mut().zip(moved).zip(before).for_each(|((to, m), r)| *to = (r - m) / step);
+                column[range].iter_mut().zip(moved).zip(before).for_each(|((to, m), r)| *to = ((r - m) / step) as f32);
             };
             match self.nuisance.record_of(k) {
                 Some(record) => {
@@ -177,7 +176,7 @@ impl Problem {
                 None => {}
             }
         });
-        Jacobian::new(values, rows, &self.nuisance.std)
+        Jacobian::new(columns, &self.nuisance.std)
     }
 
     /// Computes the derivatives by each effect parameter, as differences of simulations. The residual is the last

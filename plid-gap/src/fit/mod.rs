@@ -13,3 +13,4 @@ pub(crate) mod refit;
 mod robust;
 mod scale;
 mod signals;
+mod single;

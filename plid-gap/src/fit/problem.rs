@@ -159,9 +159,14 @@ impl Problem {
 
     /// Returns the whitened residuals of a linear model, with several sets of actions.
     pub fn residuals(&self, plant: &Plant, eta: &[f64], sets: &[Vec<Action>], fineness: Fineness) -> Vec<Vec<f64>> {
-        let mut outputs = self.before_sensors(plant, eta, sets, fineness).into_iter();
+        // Each run holds its command and its outputs, so not all are run at once.
+        const AT_ONCE: usize = 8;
         let count = self.records.len();
-        sets.iter().map(|actions| self.residual_from(outputs.by_ref().take(count), actions)).collect()
+        let residuals = |sets: &[Vec<Action>]| -> Vec<Vec<f64>> {
+            let mut outputs = self.before_sensors(plant, eta, sets, fineness).into_iter();
+            sets.iter().map(|actions| self.residual_from(outputs.by_ref().take(count), actions)).collect()
+        };
+        sets.chunks(AT_ONCE).flat_map(residuals).collect()
     }
 
     /// Simulates the free runs of all records with each set of actions, before the effects on the sensors.

@@ -9,44 +9,35 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use nalgebra::DMatrix;
 
-/// Number of rows whose leverages are computed together: they fit into the cache.
-const CHUNK: usize = 1024;
+use crate::fit::single::Single;
 
-/// Returns a factor, at least one, on the standard deviation of each of the last `count` parameters: that from the
-/// residuals over that from the noise model.
+/// Returns a factor, at least one, on the standard deviation of each parameter in `own`: that from the residuals over
+/// that from the noise model.
 ///
-/// `jacobian` has the derivatives of the whitened residual, in blocks of columns; `prior` the precision of the first
-/// parameters, those without one following; `covariance` is that of all parameters under the noise model. No leverage
-/// counts for more than `most_leverage`.
+/// `linear` and `own` have the derivatives of the whitened residual; `prior` is the precision of the first parameters,
+/// those without one following; `covariance` is that of all parameters under the noise model. No leverage counts for
+/// more than `most_leverage`.
 pub(super) fn widened(
-    jacobian: &[MatRef<'_, f64>],
+    linear: &Single,
+    own: MatRef<'_, f64>,
     prior: &[f64],
     residual: &[f64],
     covariance: &DMatrix<f64>,
-    count: usize,
     most_leverage: f64,
 ) -> Vec<f64> {
-    let n = covariance.nrows();
+    let (n, count) = (covariance.nrows(), own.ncols());
     let covariance = MatRef::from_column_major_slice(covariance.as_slice(), n, n);
     let mut power = vec![0.0; count];
-    let mut moved = Mat::zeros(CHUNK, n);
-    for from in (0..residual.len()).step_by(CHUNK) {
-        let height = CHUNK.min(residual.len() - from);
+    linear.for_each_chunk(own, |from, rows| {
         // The change of each parameter by the residual of each row, and the leverages of the rows.
-        let mut first = 0;
-        moved.fill(0.0);
-        for block in jacobian {
-            let (rows, influence) = (block.subrows(from, height), covariance.subrows(first, block.ncols()));
-            matmul(moved.subrows_mut(0, height), Accum::Add, rows, influence, 1.0, Par::Seq);
-            first += block.ncols();
-        }
-        for i in 0..height {
-            let row = jacobian.iter().flat_map(|block| (0..block.ncols()).map(move |j| block[(from + i, j)]));
-            let leverage: f64 = row.enumerate().map(|(j, x)| moved[(i, j)] * x).sum();
+        let mut moved = Mat::zeros(rows.nrows(), n);
+        matmul(moved.as_mut(), Accum::Replace, rows, covariance, 1.0, Par::Seq);
+        for i in 0..rows.nrows() {
+            let leverage: f64 = (0..n).map(|j| moved[(i, j)] * rows[(i, j)]).sum();
             let square = residual[from + i].powi(2) / (1.0 - leverage.clamp(0.0, most_leverage));
             (0..count).for_each(|k| power[k] += square * moved[(i, n - count + k)].powi(2));
         }
-    }
+    });
     let factor = |k: usize| {
         let own = n - count + k;
         // The covariance of the prior is known.
@@ -66,12 +57,15 @@ mod tests {
     const ROWS: usize = 4000;
 
     /// Computes the factors for parameters that all have a prior.
-    fn factors(jacobian: &[f64], prior: &[f64], residual: &[f64], count: usize) -> Vec<f64> {
+    fn factors(jacobian: &[f64], prior: &[f64], residual: &[f64]) -> Vec<f64> {
         let j = DMatrix::from_column_slice(ROWS, prior.len(), jacobian);
         let precision = DMatrix::from_diagonal(&DVector::from_column_slice(prior));
         let covariance = (j.transpose() * &j + precision).try_inverse().unwrap();
-        let blocks = MatRef::from_column_major_slice(jacobian, ROWS, prior.len()).split_at_col(1);
-        widened(&[blocks.0, blocks.1], prior, residual, &covariance, count, 0.9)
+        let linear = Single::filled(ROWS, prior.len() - 1, |k, column| {
+            column.iter_mut().zip(&jacobian[k * ROWS..]).for_each(|(to, x)| *to = *x as f32);
+        });
+        let own = MatRef::from_column_major_slice(&jacobian[(prior.len() - 1) * ROWS..], ROWS, 1);
+        widened(&linear, own, prior, residual, &covariance, 0.9)
     }
 
     /// Two parameters; a tenth of the rows alone determine the second, and there the noise is `louder` than elsewhere.
@@ -83,7 +77,7 @@ mod tests {
         let second =
             random_input(3, ROWS, 1).remove(0).into_iter().enumerate().map(|(row, x)| if told(row) { x } else { 0.0 });
         let jacobian: Vec<f64> = first.into_iter().chain(second).collect();
-        factors(&jacobian, &[0.0, 0.0], &residual, 1)[0]
+        factors(&jacobian, &[0.0, 0.0], &residual)[0]
     }
 
     #[test]
@@ -98,8 +92,8 @@ mod tests {
     fn a_prior_keeps_its_word() {
         let residual = random_input(4, ROWS, 1).remove(0).iter().map(|x| 9.0 * x).collect::<Vec<f64>>();
         let jacobian = random_input(5, ROWS, 1).remove(0);
-        let strong = factors(&jacobian, &[1e9], &residual, 1)[0];
-        let none = factors(&jacobian, &[0.0], &residual, 1)[0];
+        let strong = factors(&jacobian, &[1e9], &residual)[0];
+        let none = factors(&jacobian, &[0.0], &residual)[0];
         assert!(strong < 1.01 && (none / 9.0 - 1.0).abs() < 0.1, "{strong} {none}");
     }
 }
