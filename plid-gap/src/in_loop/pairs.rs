@@ -4,7 +4,9 @@
 //! first screen has a trace of each effect, and these show without a run how much of the gap any two of them explain
 //! together. The best pairs are then run and fitted.
 
-use crate::fit::candidate::{all_same, same};
+use std::collections::HashSet;
+
+use crate::fit::candidate::same;
 use crate::fit::problem::{Placed, dot};
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
@@ -17,7 +19,7 @@ struct Pair {
     of: [usize; 2],
     /// The factors by which their traces explain most together.
     factors: [f64; 2],
-    /// Expected decrease of the sum of squares, without the price of the parameters.
+    /// Expected decrease of the sum of squares, less the price of the parameters.
     gain: f64,
 }
 
@@ -118,14 +120,15 @@ fn pairs(quick: &Problem, start: &Fit, entries: &[Entry]) -> Vec<Pair> {
         }
     }
     all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    let mut distinct: Vec<Pair> = Vec::new();
-    let effects = |pair: &Pair| pair.of.map(|k| entries[k].placed.clone());
-    for pair in all {
-        if !distinct.iter().any(|other| all_same(&effects(other), &effects(&pair))) {
-            distinct.push(pair);
-        }
-    }
-    distinct
+    // The first entry of each effect at its place stands for all of its starting values.
+    let first = |k: usize| entries.iter().position(|other| same(&other.placed, &entries[k].placed));
+    let firsts: Vec<Option<usize>> = (0..entries.len()).map(first).collect();
+    let mut seen = HashSet::new();
+    all.retain(|pair| {
+        let [i, j] = pair.of.map(|k| firsts[k]);
+        seen.insert([i.min(j), i.max(j)])
+    });
+    all
 }
 
 /// Returns the range of the factor on an entry's trace.

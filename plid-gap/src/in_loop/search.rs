@@ -168,7 +168,7 @@ impl<'a> Search<'_, 'a> {
         let mut tried = self.tried(&quick, runs, &start, (&entries, stepped), say);
         for effects in paired.into_iter().flat_map(|paired| paired.pairs) {
             if let Some(fit) = self.begun(&quick, runs, effects, &beside.eta) {
-                self.keep_better(&mut tried, fit);
+                keep_better(&mut tried, fit);
             }
         }
         self.best_first(&quick, &mut tried);
@@ -315,19 +315,10 @@ impl<'a> Search<'_, 'a> {
                 stepped += usize::from(runs.calls().runs > before);
             }
             say(format!("tried {}, {} runs so far", self.words(quick, &fit), runs.calls().runs));
-            self.keep_better(&mut fits, fit);
+            keep_better(&mut fits, fit);
         }
         self.best_first(quick, &mut fits);
         fits
-    }
-
-    /// Adds a fit, in place of one of the same effects if it is better.
-    fn keep_better(&self, fits: &mut Vec<Fit<'a>>, fit: Fit<'a>) {
-        match fits.iter_mut().find(|other| all_same(&other.effects, &fit.effects)) {
-            Some(other) if other.cost <= fit.cost => {}
-            Some(other) => *other = fit,
-            None => fits.push(fit),
-        }
     }
 
     /// Sorts explanations by their cost with its price.
@@ -441,5 +432,14 @@ impl<'a> Search<'_, 'a> {
     pub(super) fn words(&self, problem: &Problem, fit: &Fit) -> String {
         let effects = in_words(&fit.effects, &problem.setting.names);
         format!("{effects}: leaves {} of the output", plid_report::percent(self.left(problem, fit)))
+    }
+}
+
+/// Adds a fit, in place of one of the same effects if it is better.
+fn keep_better<'a>(fits: &mut Vec<Fit<'a>>, fit: Fit<'a>) {
+    match fits.iter_mut().find(|other| all_same(&other.effects, &fit.effects)) {
+        Some(other) if other.cost <= fit.cost => {}
+        Some(other) => *other = fit,
+        None => fits.push(fit),
     }
 }
