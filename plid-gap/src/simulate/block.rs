@@ -1,9 +1,11 @@
-//! The linear maps of a block: the parts of a sample over which the command is held.
+//! The linear maps of a block: all parts of a sample, or a share of them.
 //!
 //! A force depends only on the motion at its port, not on the modes themselves. The motion at the ends of all parts is
 //! that without forces, which is one product with the state, plus the responses to the forces of earlier parts, which
 //! are a few numbers. The forces then move the state by another product. Modes are thus visited once a block and not in
 //! every part.
+
+use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -15,6 +17,8 @@ use plid_fourier::C;
 pub struct Block {
     /// Number of parts of a block.
     pub parts: usize,
+    /// Number of parts over which a value of the command is held.
+    each: usize,
     /// Length of a part in s.
     step: f64,
     forces: Vec<usize>,
@@ -42,8 +46,10 @@ pub struct Maps {
     pub turn: Vec<Quad>,
     /// State matrix of the rest.
     pub rest: Rows,
-    /// For each input and each disturbance, the increments of the state and then of the motion by a held unit.
-    pub driven: Vec<Vec<Quad>>,
+    /// Increments of the state and then of the motion by the values of each input.
+    pub driven: Rows,
+    /// For each disturbance, these increments by a held unit.
+    pub pushed: Vec<Vec<Quad>>,
     /// Outputs by the state.
     pub outputs: Rows,
     /// Displacement and velocity at each port by the state.
@@ -74,6 +80,16 @@ impl States {
         self.modes.iter().zip(&column.modes).map(|(a, b)| (a * b).re).sum::<f64>() + self.rest.dot(&column.rest)
     }
 
+    fn add(&mut self, other: &Self) {
+        self.modes.iter_mut().zip(&other.modes).for_each(|(sum, more)| *sum += more);
+        self.rest += &other.rest;
+    }
+
+    fn subtract(&mut self, other: &Self) {
+        self.modes.iter_mut().zip(&other.modes).for_each(|(sum, less)| *sum -= less);
+        self.rest -= &other.rest;
+    }
+
     /// Returns the state now and after each of `count` parts.
     fn turned(self, turn: &[C], a: &DMatrix<f64>, count: usize) -> Vec<Self> {
         let next = |at: &Self| {
@@ -85,13 +101,15 @@ impl States {
 }
 
 impl Block {
-    /// A block of a plant.
-    pub fn new(plant: &Plant, (values, parts): (usize, usize), forces: Vec<usize>, pushes: Vec<usize>) -> Self {
-        let step = 1.0 / (plant.rate * (values * parts) as f64);
+    /// A block of a plant, of a number of blocks of a sample, of values of the command in each block, and of parts over
+    /// which each value is held.
+    pub fn new(plant: &Plant, [blocks, values, each]: [usize; 3], forces: Vec<usize>, pushes: Vec<usize>) -> Self {
+        let (parts, all) = (values * each, blocks * values * each);
+        let step = 1.0 / (plant.rate * all as f64);
         let at: Vec<usize> = forces.iter().chain(&pushes).copied().collect();
-        let rest = RestStep::new(plant, values * parts, step, &at);
-        let late = plant.rest.continuous.is_none() && values * parts > 1;
-        Self { parts, step, forces, pushes, rest, late, modes: plant.modes.len(), states: plant.rest.a.nrows() }
+        let rest = RestStep::new(plant, all, step, &at);
+        let late = plant.rest.continuous.is_none() && all > 1;
+        Self { parts, each, step, forces, pushes, rest, late, modes: plant.modes.len(), states: plant.rest.a.nrows() }
     }
 
     /// Number of lanes of the modes.
@@ -152,7 +170,8 @@ impl Block {
         let mut maps = Maps {
             turn: self.in_lanes(&whole, &[], 1.0),
             rest: Rows::new(self.states, self.states, |i, j| rest[(i, j)]),
-            driven: Vec::new(),
+            driven: Rows::default(),
+            pushed: Vec::new(),
             outputs: self.rows(&outputs(plant, poles)),
             seen: self.rows(&ports.concat()),
             motion: self.motion(&ports, &turn),
@@ -160,13 +179,20 @@ impl Block {
             held: Vec::new(),
             ramp: Vec::new(),
         };
-        let inputs = (0..plant.m).map(|i| plant.modes.iter().map(|mode| mode.b[i]).collect());
-        let pushes = self.pushes.iter().map(|&number| plant.ports[number].force.clone());
-        let rest = (0..plant.m).chain(plant.m + self.forces.len()..self.rest.held.ncols());
-        for (modes, column) in inputs.chain(pushes).zip(rest) {
+        let unit = |modes, column: usize, parts: Range<usize>| {
             let states = self.by(modes, poles, phi1, self.rest.held.column(column).into_owned());
-            maps.driven.push(self.driven(states, &ports, &turn));
-        }
+            self.driven(states, &ports, &turn, parts)
+        };
+        let inputs = |i: usize| plant.modes.iter().map(|mode| mode.b[i]).collect();
+        let value = |i: usize| (0..self.parts).step_by(self.each).map(move |from| (i, from));
+        let driven = (0..plant.m).flat_map(value).map(|(i, from)| unit(inputs(i), i, from..from + self.each));
+        let driven: Vec<Vec<Quad>> = driven.collect();
+        let rows = WIDE * (self.state_lanes() + self.motion_lanes());
+        maps.driven = Rows::new(rows, driven.len(), |i, j| lanes::get(&driven[j], i));
+        let first = plant.m + self.forces.len();
+        let force = |number: usize| plant.ports[number].force.clone();
+        let pushed = self.pushes.iter().zip(first..).map(|(&number, at)| unit(force(number), at, 0..self.parts));
+        maps.pushed = pushed.collect();
         self.set_forces(plant, poles, &ports, &turn, &mut maps);
         maps
     }
@@ -207,16 +233,20 @@ impl Block {
         motion
     }
 
-    /// The increments of the state and of the motion by a unit that is held over all parts.
-    fn driven(&self, over_a_part: States, ports: &[[States; 2]], turn: &[C]) -> Vec<Quad> {
-        let mut sums = over_a_part.turned(turn, &self.rest.a, self.parts);
-        for part in 1..self.parts {
+    /// The increments of the state and of the motion by a unit that is held over some parts.
+    fn driven(&self, over_a_part: States, ports: &[[States; 2]], turn: &[C], parts: Range<usize>) -> Vec<Quad> {
+        let mut sums = over_a_part.turned(turn, &self.rest.a, self.parts - parts.start);
+        for part in 1..sums.len() {
             let (before, at) = sums.split_at_mut(part);
-            at[0].modes.iter_mut().zip(&before[part - 1].modes).for_each(|(sum, more)| *sum += more);
-            at[0].rest += &before[part - 1].rest;
+            at[0].add(&before[part - 1]);
         }
-        let last = &sums[self.parts - 1];
-        [self.state(&last.modes, last.rest.as_slice()), self.moved(ports, &sums, 0)].concat()
+        // After its end, that of a unit which began then is subtracted.
+        for part in (parts.len()..sums.len()).rev() {
+            let (before, at) = sums.split_at_mut(part);
+            at[0].subtract(&before[part - parts.len()]);
+        }
+        let last = &sums[sums.len() - 1];
+        [self.state(&last.modes, last.rest.as_slice()), self.moved(ports, &sums, parts.start)].concat()
     }
 
     /// Sets the response of the state and of the motion to forces.

@@ -143,6 +143,13 @@ fn most_in_a_block(plant: &Plant) -> usize {
     plant.n().div_ceil(lanes::WIDE).next_power_of_two().clamp(2, 8)
 }
 
+/// Returns the number of blocks of a sample, for a number of values of the command, each of which is held over a number
+/// of parts. Only forces limit the parts of a block.
+fn blocks_of(plant: &Plant, (values, parts): (usize, usize), forced: bool) -> usize {
+    let most = if forced { (most_in_a_block(plant) / parts).max(1) } else { values };
+    (1..=values).find(|blocks| values.is_multiple_of(*blocks) && values / blocks <= most).unwrap_or(values)
+}
+
 /// Returns the number of parts of a sample that a law needs: a power of two.
 fn parts_of(plant: &Plant, port: usize, law: &dyn Force) -> usize {
     let [stiffness, damper] = law.steepest();

@@ -5,10 +5,10 @@ use nalgebra::DMatrix;
 use crate::case::record::Channels;
 use crate::effects::{Drive, Force};
 use crate::plant::{Carried, Plant};
-use crate::simulate::State;
 use crate::simulate::block::{Block, Maps};
 use crate::simulate::feedback::Feedback;
 use crate::simulate::lanes::{self, Lane, Quad, Rows, WIDE};
+use crate::simulate::{State, blocks_of};
 use plid_fourier::C;
 
 /// The signals that differ between runs in step: the command and the disturbances.
@@ -31,30 +31,31 @@ pub fn advance<const R: usize>(
     y: &mut [Channels; R],
 ) {
     let samples = y[0][0].len();
-    let parts = given[0].drive.parts;
-    let mut held = vec![[0.0; R]; plant.m];
+    let (blocks, values) = (runner.blocks, runner.values);
+    let mut held = vec![[0.0; R]; plant.m * values];
     for k in 0..samples {
         if !factors.is_empty() && k % drift == 0 {
             runner.stiffen(plant, factors[k / drift]);
         }
-        for value in 0..parts {
-            let at = k * parts + value;
-            let mut same = value > 0;
-            for (i, held) in held.iter_mut().enumerate() {
-                let mut now = std::array::from_fn(|r| given[r].drive.u[i][at]);
-                if let Some(feedback) = runner.feedback.as_ref().filter(|_| value > 0) {
+        for block in 0..blocks {
+            let first = (k * blocks + block) * values;
+            let mut same = block > 0;
+            for (at, held) in held.iter_mut().enumerate() {
+                let (i, value) = (at / values, at % values);
+                let mut now = std::array::from_fn(|r| given[r].drive.u[i][first + value]);
+                if let Some(feedback) = runner.feedback.as_ref().filter(|_| block > 0) {
                     now.iter_mut().zip(&feedback.fed[i]).for_each(|(now, fed)| *now += fed);
                 }
                 same = same && *held == now;
                 *held = now;
             }
-            if value == 0 {
+            if block == 0 {
                 runner.close(&mut held, y, k);
             }
             if !same {
                 runner.hold(&held);
             }
-            if value == 0 {
+            if block == 0 {
                 runner.sample(given, k);
                 // The outputs are sampled before the next value of a disturbance acts, which an accelerometer without a
                 // filter would show.
@@ -64,7 +65,7 @@ pub fn advance<const R: usize>(
                     runner.push(d, std::array::from_fn(|r| given[r].disturbances[d][k]));
                 }
             }
-            runner.step(value + 1 == parts);
+            runner.step(block + 1 == blocks);
         }
     }
 }
@@ -72,6 +73,9 @@ pub fn advance<const R: usize>(
 /// The plant stepped over blocks, with the states of its runs.
 pub struct Runner<'a, const R: usize> {
     block: Block,
+    /// Number of blocks of a sample, and of values of the command in a block.
+    blocks: usize,
+    values: usize,
     maps: Maps,
     late: Option<Late<R>>,
     feedback: Option<Feedback<'a, R>>,
@@ -81,6 +85,8 @@ pub struct Runner<'a, const R: usize> {
     /// there are any.
     held: Vec<Lane<R>>,
     added: Vec<Lane<R>>,
+    /// The values of the command in a block.
+    command: Vec<Lane<R>>,
     state: Vec<Lane<R>>,
     motion: Vec<Lane<R>>,
     forces: Vec<Lane<R>>,
@@ -147,12 +153,14 @@ impl<'a, const R: usize> Runner<'a, R> {
     /// The forces of all runs act at the same ports.
     pub fn new(
         plant: &'a Plant,
-        parts: (usize, usize),
+        (values, parts): (usize, usize),
         forces: [&[(usize, &'a dyn Force)]; R],
         disturbances: &[usize],
     ) -> Self {
         let ports: Vec<usize> = forces[0].iter().map(|(port, _)| *port).collect();
-        let block = Block::new(plant, parts, ports.clone(), disturbances.to_vec());
+        let blocks = blocks_of(plant, (values, parts), !ports.is_empty());
+        let values = values / blocks;
+        let block = Block::new(plant, [blocks, values, parts], ports.clone(), disturbances.to_vec());
         let poles: Vec<_> = plant.modes.iter().map(|mode| (mode.pole, Carried::UNMOVED)).collect();
         let output = |number: &usize| plant.ports[*number].output.clone();
         let all = vec![[Quad::default(); R]; block.state_lanes() + block.motion_lanes()];
@@ -175,7 +183,10 @@ impl<'a, const R: usize> Runner<'a, R> {
             pushes: disturbances.iter().map(|number| Push { value: [0.0; R], output: output(number) }).collect(),
             held: all.clone(),
             added: all,
+            command: lanes::zeros_of(plant.m * values),
             block,
+            blocks,
+            values,
         }
     }
 
@@ -216,25 +227,25 @@ impl<'a, const R: usize> Runner<'a, R> {
         self.see();
     }
 
-    /// Adds the feedback at a sample to the inputs.
+    /// Adds the feedback at a sample to the values of the inputs.
     #[inline(always)]
     fn close(&mut self, held: &mut [[f64; R]], y: &mut [Channels; R], sample: usize) {
         let Some(mut feedback) = self.feedback.take() else { return };
         self.output(&[], y, sample);
-        feedback.find(held, y, sample);
-        for (held, fed) in held.iter_mut().zip(&feedback.fed) {
-            held.iter_mut().zip(fed).for_each(|(held, fed)| *held += fed);
+        let first: Vec<[f64; R]> = held.iter().step_by(self.values).copied().collect();
+        feedback.find(&first, y, sample);
+        for (held, fed) in held.chunks_exact_mut(self.values).zip(&feedback.fed) {
+            held.iter_mut().flat_map(|held| held.iter_mut().zip(fed)).for_each(|(held, fed)| *held += fed);
         }
         self.feedback = Some(feedback);
     }
 
-    /// Sets a new held input.
+    /// Sets the values of the inputs in a block.
     #[inline(always)]
     fn hold(&mut self, u: &[[f64; R]]) {
+        u.iter().enumerate().for_each(|(at, u)| lanes::set(&mut self.command, at, *u));
         self.held.fill([Quad::default(); R]);
-        for (driven, u) in self.maps.driven.iter().zip(u) {
-            lanes::add_each(&mut self.held, driven, *u);
-        }
+        self.maps.driven.add_times(&self.command, &mut self.held);
         self.renew();
     }
 
@@ -244,9 +255,8 @@ impl<'a, const R: usize> Runner<'a, R> {
             return;
         }
         self.added.copy_from_slice(&self.held);
-        let driven = &self.maps.driven[self.maps.driven.len() - self.pushes.len()..];
-        for (push, driven) in self.pushes.iter().zip(driven) {
-            lanes::add_each(&mut self.added, driven, push.value);
+        for (push, pushed) in self.pushes.iter().zip(&self.maps.pushed) {
+            lanes::add_each(&mut self.added, pushed, push.value);
         }
     }
 
@@ -280,7 +290,7 @@ impl<'a, const R: usize> Runner<'a, R> {
         for (r, y) in y.iter_mut().enumerate() {
             for (o, channel) in y.iter_mut().enumerate() {
                 let mut sum = lanes::get_of(&self.shown, o, r);
-                for (i, u) in u.iter().enumerate() {
+                for (i, u) in u.iter().step_by(self.values).enumerate() {
                     sum += self.d[(o, i)] * u[r];
                 }
                 for port in &self.ports {

@@ -175,9 +175,67 @@ fn advanced<const R: usize>(runs: [&Applied<'_>; R], plant: &Plant, fineness: Fi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::{CubicStiffness, Effect, Library, Place, Setting};
+    use crate::effects::{Command, CubicStiffness, Effect, Library, Place, Setting};
+    use crate::plant::Mode;
     use crate::testing;
     use plid_fourier::C;
+
+    /// Two values of the command that are held for a quarter of a sample each.
+    struct Quarters;
+
+    impl Command for Quarters {
+        fn apply(&self, drive: &mut Drive) {
+            drive.refine(4);
+            (drive.u[0][9], drive.u[0][11]) = (1.0, -2.0);
+        }
+    }
+
+    /// A spring without stiffness, whose forces take further parts.
+    struct NoSpring;
+
+    impl Force for NoSpring {
+        fn force(&self, d: f64, _v: f64, _state: &[f64]) -> f64 {
+            0.0 * d
+        }
+    }
+
+    /// Values within a sample act on each mode for their quarter of it, as in closed form, with and without parts of a
+    /// force, in one block of a sample and in several.
+    #[test]
+    fn values_act_for_their_part_of_a_sample() {
+        let plant = Plant::new(&testing::truss(1)).unwrap();
+        let (a, b) = plant.rest.continuous.as_ref().unwrap();
+        let inverse = a.clone().try_inverse().unwrap();
+        let u = vec![vec![0.0; 40]; 2];
+        let quarter = 0.25 / plant.rate;
+        // The outputs at t after a unit that was held for a quarter of a sample until then.
+        let after = |o: usize, t: f64| -> f64 {
+            let by_mode = |mode: &Mode| {
+                let held = ((mode.pole * (t + quarter)).exp() - (mode.pole * t).exp()) / mode.pole;
+                2.0 * (mode.c[o] * held * mode.b[0]).re
+            };
+            let held = plid_model::exponential(&(a * (t + quarter))) - plid_model::exponential(&(a * t));
+            let by_rest = plant.rest.c.row(o) * &inverse * held * b.column(0);
+            plant.modes.iter().map(by_mode).sum::<f64>() + by_rest[0]
+        };
+        let expected = |o: usize, sample: usize| {
+            let since = |value: f64| (sample as f64 - value / 4.0) / plant.rate;
+            after(o, since(10.0)) - 2.0 * after(o, since(12.0))
+        };
+        for force in [0, 1, 2, 4] {
+            let mut actions = vec![Action::Command(Box::new(Quarters))];
+            if force > 0 {
+                actions.push(Action::Force(0, Box::new(NoSpring)));
+            }
+            let fineness = Fineness { force: 4 * force.max(1), drift: 16 };
+            let y = before_sensors(&plant, &[Run { actions: &actions, u: &u, t0: 0.0, start: None }], fineness);
+            let size = (3..40).map(|k| expected(0, k).abs()).fold(0.0, f64::max);
+            for (o, k) in (0..2).flat_map(|o| (0..40).map(move |k| (o, k))) {
+                let expected = if k < 3 { 0.0 } else { expected(o, k) };
+                assert!((y[0][o][k] - expected).abs() < 1e-9 * size, "{force}: {} for {expected}", y[0][o][k]);
+            }
+        }
+    }
 
     /// For each effect at each of its places: several of its shapes, over records of several lengths that do not begin
     /// at rest, have the same outputs together as alone, to the bit.
