@@ -327,6 +327,10 @@ impl Judging<'_> {
     }
 }
 
+/// How wide limits may have to be, over the stated ones, to count as sufficient. No cause is then needed to account for
+/// the changes of the linear parameters.
+const SUFFICIENT: f64 = 1.1;
+
 /// Counts the residual as an error of the simulation itself if no explanation leaves only noise. Returns a description
 /// if that is new, and what was prepared before.
 fn admit_error<'a>(explained: &mut Explained<'a>, scope: &Scope<'_, 'a>) -> Option<(String, Prepared)> {
@@ -343,7 +347,29 @@ fn admit_error<'a>(explained: &mut Explained<'a>, scope: &Scope<'_, 'a>) -> Opti
     // error of the simulation.
     let refitted = refit(&explained.ready.problem, STEPS);
     let mut scale = explained.ready.needed(&refitted.eta, &refitted);
-    // One cause moves most of a few parameters. How far the simulation is off shows only with the cause in place.
+    if scale > SUFFICIENT {
+        let needed = with_causes(explained, &refitted, fit, scale, scope).into_iter();
+        scale = needed.map(|with| explained.ready.needed(&with.eta, &refitted)).fold(scale, f64::min);
+    }
+    explained.ready.widen(scale);
+    let said = format!(
+        "no explanation leaves only noise: repeated with the residual as an error of the simulation and limits \
+        {scale:.2} times as wide"
+    );
+    Some((said, before))
+}
+
+/// Returns fits with an error of the simulation and with causes that may account for the changes of the linear
+/// parameters. One cause moves most of a few parameters. How far the simulation is off shows only with the cause in
+/// place. `fit` is the best explanation without that error, and `scale` is how wide the limits would have to be without
+/// a cause.
+fn with_causes<'a>(
+    explained: &Explained<'a>,
+    refitted: &Refit,
+    fit: Fit<'a>,
+    scale: f64,
+    scope: &Scope<'_, 'a>,
+) -> Vec<Fit<'a>> {
     let problem = &explained.ready.problem;
     let mut with: Vec<Fit> = Vec::new();
     if problem.few() && !fit.effects.is_empty() {
@@ -355,16 +381,9 @@ fn admit_error<'a>(explained: &mut Explained<'a>, scope: &Scope<'_, 'a>) -> Opti
     let absorbed = linear_cause::fits(&wide.problem, &spread.as_fit(), &spread.jacobian, scope);
     with.extend(absorbed.into_iter().filter(|with| with.cost < spread.cost - scope.settings.absorbed_gain));
     for model in [&refitted.as_fit(), &explained.found.best] {
-        with.extend(linear_cause::from_given(&explained.ready.problem, model, &refitted.jacobian, scope));
+        with.extend(linear_cause::from_given(problem, model, &refitted.jacobian, scope));
     }
-    let needed = with.iter().map(|with| explained.ready.needed(&with.eta, &refitted));
-    scale = needed.fold(scale, f64::min);
-    explained.ready.widen(scale);
-    let said = format!(
-        "no explanation leaves only noise: repeated with the residual as an error of the simulation and limits \
-        {scale:.2} times as wide"
-    );
-    Some((said, before))
+    with
 }
 
 #[cfg(test)]

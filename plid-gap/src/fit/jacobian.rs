@@ -246,6 +246,12 @@ impl Problem {
         gradient
     }
 
+    /// Returns J' V for V with these columns.
+    pub fn cross_all(&self, jacobian: &Jacobian, columns: &[Vec<f64>]) -> DMatrix<f64> {
+        let rows = columns.first().map_or(0, Vec::len);
+        jacobian.cross(self, MatRef::from_column_major_slice(&columns.concat(), rows, columns.len()))
+    }
+
     /// Returns J' v.
     pub fn cross(&self, jacobian: &Jacobian, v: &[f64]) -> DMatrix<f64> {
         jacobian.cross(self, MatRef::from_column_major_slice(v, v.len(), 1))

@@ -21,11 +21,7 @@ pub struct Overlap {
 /// Computes the similarity of whitened traces, each with the size at which its effect is screened. `None` if the
 /// refit's normal matrix is not positive definite.
 pub fn overlap(problem: &Problem, jacobian: &Jacobian, traces: &[Vec<f64>]) -> Option<Overlap> {
-    let mut cross = DMatrix::zeros(problem.nuisance.len(), traces.len());
-    for (trace, mut column) in traces.iter().zip(cross.column_iter_mut()) {
-        column.copy_from(&problem.cross(jacobian, trace));
-    }
-    left(&jacobian.normal, &cross, traces)
+    left(&jacobian.normal, &problem.cross_all(jacobian, traces), traces)
 }
 
 /// Computes the overlap from the refit's normal matrix and the products of its derivatives with the traces.

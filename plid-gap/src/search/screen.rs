@@ -5,7 +5,7 @@
 //! could absorb under its prior (a generalised likelihood ratio). Effects that are linear in a size get their best
 //! size.
 
-use nalgebra::{Cholesky, DMatrix, Dyn};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use crate::case::record::Channels;
@@ -68,14 +68,17 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
     // that imitates it.
     let left = factor.solve(&problem.gradient(base.jacobian, base.residual, base.eta));
     let mut entries: Vec<Entry> = pairs
-        .par_iter()
-        .filter_map(|(effect, place)| {
-            let tried = shapes(base, *effect, place);
-            let traces = now.added(base, &tried);
-            let entries = tried.into_iter().zip(traces);
-            entries
-                .filter_map(|(tried, trace)| entry(base, &factor, trace, &left, tried))
-                .max_by(|a, b| a.gain.total_cmp(&b.gain))
+        .par_chunks(PROJECTED_TOGETHER)
+        .flat_map_iter(|pairs| {
+            let tried: Vec<Vec<Tried>> = pairs.iter().map(|(effect, place)| shapes(base, *effect, place)).collect();
+            let traces: Vec<Vec<f64>> = tried.iter().flat_map(|tried| now.added(base, tried)).collect();
+            let mut projected = projected(base, &factor, traces).into_iter();
+            let best = |tried: Vec<Tried<'a>>| {
+                let own = projected.by_ref().take(tried.len());
+                let entries = tried.into_iter().zip(own).filter_map(|(tried, own)| entry(base, own, &left, tried));
+                entries.max_by(|a, b| a.gain.total_cmp(&b.gain))
+            };
+            tried.into_iter().filter_map(best).collect::<Vec<_>>()
         })
         .collect();
     entries.sort_by(|a, b| b.gain.total_cmp(&a.gain));
@@ -115,34 +118,42 @@ fn shapes<'a>(base: &Base, effect: &'a dyn Effect, place: &Place) -> Vec<Tried<'
     tried
 }
 
-/// The projection r - J (J'J + prior)^{-1} J' r. It enters all products, so only J'r is needed.
+/// Pairs of an effect and a location whose traces are projected together. The derivatives of the linear parameters are
+/// not kept but computed for each product, whatever its number of columns.
+const PROJECTED_TOGETHER: usize = 4;
+
+/// The projection r - J (J'J + prior)^{-1} J' r of a trace r. It enters all products, so only J'r is needed.
 struct Projected {
+    /// r.
+    trace: Vec<f64>,
     /// J' r.
-    cross: DMatrix<f64>,
+    cross: DVector<f64>,
     /// (J'J + prior)^{-1} J' r.
-    solved: DMatrix<f64>,
+    solved: DVector<f64>,
 }
 
-fn projected(base: &Base, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Projected {
-    let cross = base.problem.cross(base.jacobian, v);
+fn projected(base: &Base, factor: &Cholesky<f64, Dyn>, traces: Vec<Vec<f64>>) -> Vec<Projected> {
+    let cross = base.problem.cross_all(base.jacobian, &traces);
     let solved = factor.solve(&cross);
-    Projected { cross, solved }
+    let column = |(j, trace)| {
+        let (cross, solved) = (cross.column(j).into_owned(), solved.column(j).into_owned());
+        Projected { trace, cross, solved }
+    };
+    traces.into_iter().enumerate().map(column).collect()
 }
 
 /// Returns an entry from the change of the whitened outputs in a trial.
 fn entry<'a>(
     base: &Base<'_, 'a>,
-    factor: &Cholesky<f64, Dyn>,
-    trace: Vec<f64>,
+    own: Projected,
     left: &DMatrix<f64>,
     Tried { mut placed, scaled }: Tried<'a>,
 ) -> Option<Entry<'a>> {
-    let tried = placed.parameters.clone();
+    let (tried, trace) = (placed.parameters.clone(), own.trace);
     let whole = sum_of_squares(&trace);
     if !(whole.is_finite() && whole > 0.0) {
         return None;
     }
-    let own = projected(base, factor, &trace);
     let clear = whole - own.cross.dot(&own.solved);
     let absorbed = 1.0 - clear / whole;
     // Derivatives show what a refit absorbs, but not a resonance that has moved further than its width.
