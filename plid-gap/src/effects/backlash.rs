@@ -9,7 +9,7 @@ pub struct Backlash;
 const GAPS: [f64; 4] = [0.05, 0.2, 0.5, 1.2];
 
 /// Range of the gap in the same unit. A wider gap is never crossed, and a narrower one is not seen.
-const SEEN: std::ops::Range<f64> = 0.005..5.0;
+const SEEN: std::ops::Range<f64> = 1e-3..5.0;
 
 /// Range of the stiffness that is lost, over the static stiffness of the port in the simulation.
 const LOST: std::ops::Range<f64> = 0.5..1.5;
@@ -45,6 +45,18 @@ impl Effect for Backlash {
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let port = setting.port(place);
         GAPS.map(|share| vec![setting.stiffness[port], share * setting.d_rms[port]]).to_vec()
+    }
+
+    fn starts_from(&self, setting: &Setting, place: &Place, found: (&str, &[f64])) -> Vec<Vec<f64>> {
+        match found {
+            // A clearance is a lost spring whose linear part the refit has absorbed. Beyond the gap, the lost force is
+            // k g.
+            ("clearance", &[k, g]) if k > 0.0 => {
+                let own = setting.stiffness[setting.port(place)];
+                vec![vec![own, k * g / own]]
+            }
+            _ => Vec::new(),
+        }
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {

@@ -30,6 +30,13 @@ impl Effect for CubicStiffness {
         vec![vec![0.01 * force / d.powi(3)]]
     }
 
+    fn starts_from(&self, _setting: &Setting, _place: &Place, found: (&str, &[f64])) -> Vec<Vec<f64>> {
+        match found {
+            ("gravity-sine", [k]) => vec![vec![-k / 6.0]],
+            _ => Vec::new(),
+        }
+    }
+
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
     }

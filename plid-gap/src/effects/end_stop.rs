@@ -34,6 +34,10 @@ impl Effect for EndStop {
         stop::starts(setting, place, farthest.as_ref().map(|end| &end[..]), &[1.0])
     }
 
+    fn starts_from(&self, setting: &Setting, place: &Place, found: (&str, &[f64])) -> Vec<Vec<f64>> {
+        stop::start_from(setting, place, found).into_iter().map(|[k, c, at]| vec![k, c, at.abs()]).collect()
+    }
+
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
         stop::sound(setting, place, parameters)
     }

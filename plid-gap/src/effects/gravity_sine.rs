@@ -46,6 +46,14 @@ impl Effect for GravitySine {
         SHARES.map(|share| vec![share * stiffness]).to_vec()
     }
 
+    fn starts_from(&self, _setting: &Setting, _place: &Place, found: (&str, &[f64])) -> Vec<Vec<f64>> {
+        // d - sin(d) is d^3 / 6 at small angles.
+        match found {
+            ("cubic-stiffness", [k]) => vec![vec![-6.0 * k]],
+            _ => Vec::new(),
+        }
+    }
+
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
     }

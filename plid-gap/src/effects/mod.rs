@@ -237,6 +237,13 @@ pub trait Effect: Send + Sync {
     /// nonlinear, with moderate sizes.
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>>;
 
+    /// Returns values from which a fit starts in the place of another effect (its name) that was found with these
+    /// parameters, if they follow from them. Where a clearance was found, a stop may be: records show how far an axis
+    /// moves freely better than any grid does.
+    fn starts_from(&self, _setting: &Setting, _place: &Place, _found: (&str, &[f64])) -> Vec<Vec<f64>> {
+        Vec::new()
+    }
+
     /// Returns the parameter in which the output is linear near the value at which the effect vanishes, with that
     /// value, if there is one. The screen then finds the size without a fit.
     fn amplitude(&self) -> Option<(usize, f64)> {

@@ -34,6 +34,11 @@ impl Effect for OneSidedStop {
         stop::starts(setting, place, ends.as_ref().map(|ends| &ends[..]), &[1.0, -1.0])
     }
 
+    fn starts_from(&self, setting: &Setting, place: &Place, found: (&str, &[f64])) -> Vec<Vec<f64>> {
+        let start = stop::start_from(setting, place, found).into_iter();
+        start.flat_map(|[k, c, at]| [vec![k, c, at], vec![k, c, -at]]).collect()
+    }
+
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
         stop::sound(setting, place, parameters)
     }

@@ -51,6 +51,19 @@ pub(super) fn starts(setting: &Setting, place: &Place, ends: Option<&[f64]>, sig
     starts
 }
 
+/// Returns k, c and the position of the stop that is nearest to another law of a contact; `None` if it is none, or if it
+/// only pulls.
+pub(super) fn start_from(setting: &Setting, place: &Place, (name, found): (&str, &[f64])) -> Option<[f64; 3]> {
+    match (name, found) {
+        ("clearance", &[k, g]) if k > 0.0 => {
+            let mobility = setting.plant.mobility(setting.port(place));
+            Some([k, 2.0 * BOUNCE_DAMPING * (k / mobility).sqrt(), g])
+        }
+        ("end-stop" | "one-sided-stop", &[k, c, at]) => Some([k, c, at]),
+        _ => None,
+    }
+}
+
 /// Returns whether records can show such a stop.
 pub(super) fn sound(setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
     let port = setting.port(place);

@@ -128,7 +128,13 @@ impl Problem {
     /// linear parameter: if these are few, or effects change the motion strongly. The derivatives of the linear
     /// simulation lead astray there, and where the linear parameters have absorbed nearly all of an effect.
     pub fn few(&self) -> bool {
-        self.strong || self.nuisance.of_simulation() <= self.settings.search.few_parameters
+        self.strong || self.has_numbers()
+    }
+
+    /// Returns whether the refit can have every number of the simulation, such as a gain or an inertia, because its few
+    /// parameters are functions of these.
+    pub fn has_numbers(&self) -> bool {
+        self.nuisance.of_simulation() <= self.settings.search.few_parameters
     }
 
     /// Returns whether an effect loads the plant, whose few linear parameters allow the derivatives of the simulation

@@ -6,16 +6,25 @@ use crate::search::rules::Scope;
 
 /// The price of parameters and choices, and the options of a stage.
 pub(super) struct Price<'p, 'a> {
-    pub rows: f64,
+    rows: f64,
+    /// Price of an effect that the bounded refit has as a parameter.
+    release: f64,
+    /// Whether the refit has every number of the simulation.
+    has_numbers: bool,
     pub scope: &'p Scope<'p, 'a>,
 }
 
-impl<'a> Price<'_, 'a> {
+impl<'p, 'a> Price<'p, 'a> {
+    pub fn new(problem: &Problem, scope: &'p Scope<'p, 'a>) -> Self {
+        let release = scope.settings.release_price - fewer(problem, scope);
+        Self { rows: problem.rows() as f64, release, has_numbers: problem.has_numbers(), scope }
+    }
+
     pub fn of(&self, fit: &Fit) -> f64 {
         let settings = &self.scope.settings;
         let one = |placed: &Placed| {
-            let own = if placed.effect.is_in_refit() {
-                settings.release_price
+            let own = if placed.effect.is_in_refit() || self.has_numbers && placed.effect.is_number() {
+                self.release
             } else {
                 settings.choice_price + placed.parameters.len() as f64 * self.rows.ln()
             };
@@ -34,6 +43,20 @@ pub(super) fn imitates(fit: &Fit, price: &Price) -> bool {
     sum_of_squares(&fit.residual) > price.scope.settings.imitation_left * price.rows
 }
 
+/// Returns by how much the price of releasing a linear parameter is lower because there are few: twice the logarithm of
+/// how many times fewer.
+fn fewer(problem: &Problem, scope: &Scope) -> f64 {
+    let share = problem.nuisance.of_simulation().max(1) as f64 / scope.settings.released_of;
+    -2.0 * share.min(1.0).ln()
+}
+
+/// Returns whether a further effect removes so much of the linear parameters' penalty that none of them may be at the
+/// place of the effect by chance.
+pub(super) fn straightens(problem: &Problem, scope: &Scope, before: &Fit, after: &Fit) -> bool {
+    let removed = problem.penalty(&before.eta) - problem.penalty(&after.eta);
+    removed >= scope.settings.straightened_penalty - fewer(problem, scope)
+}
+
 /// Returns whether a further effect explains enough: of the residual, or of the changes of the linear parameters.
 pub(super) fn material(problem: &Problem, scope: &Scope, before: &Fit, after: &Fit) -> bool {
     let (search, rows) = (&problem.settings.search, problem.rows() as f64);
@@ -46,8 +69,7 @@ pub(super) fn material(problem: &Problem, scope: &Scope, before: &Fit, after: &F
     let unknown = scope.imperfect && corrects || left(before) < search.overstated * rows;
     let excess = if unknown { left(before) } else { left(before) - rows };
     let share = explained / excess.max(search.material_power * rows);
-    let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
     let visible =
         explained > search.material_power * rows && (before.effects.is_empty() || share > search.further_share);
-    visible || (straightened > search.straightened_penalty && explained > -search.straightened_penalty)
+    visible || (straightens(problem, scope, before, after) && explained > -search.straightened_penalty)
 }

@@ -78,10 +78,14 @@ impl<'a> SearchStage<'a> {
     /// Fits the first of these entries to the first samples and to whole records. Known fits are not repeated.
     fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
         let [fitted, polished] = self.counts;
-        let heads: Numbered<'a> = at[..at.len().min(fitted)]
+        // The trace of a load says little where it moves a resonance by more than its width. A plant of few parameters
+        // has few numbers, and all of them are fitted.
+        let is_number = |k: usize| quick.has_numbers() && self.entries[k].placed.effect.is_number();
+        let heads: Numbered<'a> = at
             .par_iter()
-            .filter(|&&k| self.entries[k].gain > 0.0)
-            .map(|&k| {
+            .enumerate()
+            .filter(|&(rank, &k)| rank < fitted && self.entries[k].gain > 0.0 || is_number(k))
+            .map(|(_, &k)| {
                 let new = || {
                     let mut all = self.from.effects.clone();
                     all.push(self.entries[k].placed.clone());
@@ -147,7 +151,7 @@ fn ranked<'f, 'a>(fits: &'f Numbered<'a>, price: &Price) -> Vec<(usize, &'f Fit<
 }
 
 /// Returns the fit if its cost is finite and its parameters are within the meaning of the effects' names.
-fn whether_sound<'a>(problem: &Problem, fit: Fit<'a>) -> Option<Fit<'a>> {
+pub(super) fn whether_sound<'a>(problem: &Problem, fit: Fit<'a>) -> Option<Fit<'a>> {
     (fit.cost.is_finite() && are_sound(problem, &fit.effects)).then_some(fit)
 }
 

@@ -11,8 +11,8 @@ use crate::search::course::not_of_time;
 use crate::search::linear_cause;
 use crate::search::overlap::{Overlap, of_screen};
 use crate::search::ports::fit_ports;
-use crate::search::price::{Price, imitates, material};
-use crate::search::reconsider::{Latest, question, refined};
+use crate::search::price::{Price, imitates, material, straightens};
+use crate::search::reconsider::{Latest, question, refined, related};
 use crate::search::rules::Scope;
 use crate::search::screen::Entry;
 use crate::search::stage::{SearchStage, on_whole, polish};
@@ -86,7 +86,7 @@ pub(super) fn search<'a>(
     first: &OnceCell<SearchStage<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
-    let (price, settings) = (Price { rows: problem.rows() as f64, scope }, &scope.settings);
+    let (price, settings) = (Price::new(problem, scope), &scope.settings);
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
     let mut overlap = None;
@@ -170,8 +170,8 @@ fn begun<'a>(
     (best, gains)
 }
 
-/// Fits the ports' scales with an explanation to which an effect was added, and reconsiders its effects. `gains` are
-/// those of the effects, the last of which was added.
+/// Tries related effects in the place of the one that was added to an explanation, fits the ports' scales with it, and
+/// reconsiders its effects. `gains` are those of the effects, the last of which was added.
 fn completed<'a>(
     problem: &mut Problem,
     quick: &mut Problem,
@@ -180,7 +180,8 @@ fn completed<'a>(
     price: &Price<'_, 'a>,
     candidates: &mut Vec<Candidate<'a>>,
 ) -> Fit<'a> {
-    let (scope, entered) = (price.scope, top.cost);
+    let (scope, top) = (price.scope, related(problem, top, price, candidates));
+    let entered = top.cost;
     let best = if scope.skips(Step::PortScales) { top } else { fit_ports(problem, quick, top) };
     // With other scales of the ports it explains more than when it was entered.
     candidates.push(price.candidate(&best));
@@ -316,7 +317,7 @@ pub fn straighten<'a>(
     scope: &Scope<'_, 'a>,
     say: &mut dyn FnMut(String),
 ) {
-    let (price, settings) = (Price { rows: problem.rows() as f64, scope }, &scope.settings);
+    let (price, settings) = (Price::new(problem, scope), &scope.settings);
     for _ in 0..settings.most_straightened {
         let best = &found.best;
         let there = |placed: &Placed| {
@@ -330,8 +331,7 @@ pub fn straighten<'a>(
         fits.extend(linear_cause::fits(problem, best, &jacobian, scope));
         say(progress(best.effects.len() + 1, &entries, &fits, &price, &problem.setting.names));
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { return };
-        let straightened = problem.penalty(&best.eta) - problem.penalty(&top.eta);
-        if price.of(best) - price.of(&top) < settings.accept_gain || straightened < settings.straightened_penalty {
+        if price.of(best) - price.of(&top) < settings.accept_gain || !straightens(problem, scope, best, &top) {
             return;
         }
         found.candidates.push(price.candidate(&top));

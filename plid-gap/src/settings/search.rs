@@ -93,6 +93,9 @@ group! {
         /// Price of an effect that the bounded refit has as a parameter: twice the logarithm of the factor, in standard
         /// deviations, by which the effect's range exceeds the limits.
         release_price: f64 = 5.0, "2 ln L", 0.0..=1e9;
+        /// Number of linear parameters for which `release_price` and `straightened_penalty` hold. If there are fewer,
+        /// fewer can be off by chance, and both are lower by twice the logarithm of how many times fewer.
+        released_of: f64 = 80.0, "parameters", 1.0..=1e6;
         /// Bonus of an effect or location that the case suspects: odds of 50 : 1.
         suspect_bonus: f64 = 8.0, "2 ln L", 0.0..=1e9;
         /// Smallest factor by which the screen may change the size of a start of an effect that is not linear in its

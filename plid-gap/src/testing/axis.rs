@@ -21,7 +21,7 @@ const HOLD: usize = 10;
 
 /// A mass on a viscous damper `c` and a spring `k`, with a further force of displacement and velocity.
 #[derive(Clone, Copy)]
-pub(super) struct Axis {
+pub(crate) struct Axis {
     pub mass: f64,
     pub c: f64,
     pub k: f64,
@@ -59,7 +59,7 @@ impl Axis {
     }
 
     /// Returns a case of a quiet record and three driven ones, with 0.5 % of noise.
-    fn case(&self) -> Case {
+    pub fn case(&self) -> Case {
         self.case_behind(|_| {})
     }
 
@@ -274,6 +274,26 @@ fn one_number_of_an_axis_is_named() {
             assert!((change.to.value / to - 1.0).abs() < 0.01, "{what}: to {}", change.to.value);
         }
     }
+}
+
+/// A damper that is a little beyond its limits is named where the simulation has few numbers, of which one of many
+/// would be by chance. One within its limits is not.
+#[test]
+fn a_number_beyond_its_limits_is_named_among_few() {
+    let w = TAU * 1.5;
+    let simulated = Axis { mass: 1.0, c: 1.4 * w, k: w * w, force: none, position: true };
+    let found = |share: f64, released_of: f64| {
+        let mut case = Axis { c: share * simulated.c, ..simulated }.case_for(&simulated);
+        case.config.settings.search.released_of = released_of;
+        diagnosed(&case)
+    };
+    let few = found(1.2, 80.0);
+    let named: Vec<&str> = few.effects.iter().map(|effect| effect.effect.as_str()).collect();
+    assert_eq!(named, ["added-damping"], "{}", few.sentence);
+    let many = found(1.2, 1.0);
+    assert!(many.effects.is_empty(), "{}", many.sentence);
+    let within = found(1.1, 80.0);
+    assert_eq!(within.verdict, Verdict::None, "{}", within.sentence);
 }
 
 /// An actuator that is weaker than in the simulation stays that, as far as a sensor with another gain is not its twin.

@@ -1,7 +1,7 @@
 //! Small structures and records of them, for tests.
 
 pub mod arm;
-mod axis;
+pub(crate) mod axis;
 mod blind;
 mod controlled;
 mod joint;
