@@ -51,8 +51,8 @@ pub(super) fn starts(setting: &Setting, place: &Place, ends: Option<&[f64]>, sig
     starts
 }
 
-/// Returns k, c and the position of the stop that is nearest to another law of a contact; `None` if it is none, or if it
-/// only pulls.
+/// Returns k, c and the position of the stop that is nearest to another law of a contact; `None` if the other law is no
+/// contact, or if it only pulls.
 pub(super) fn start_from(setting: &Setting, place: &Place, (name, found): (&str, &[f64])) -> Option<[f64; 3]> {
     match (name, found) {
         ("clearance", &[k, g]) if k > 0.0 => {
