@@ -277,8 +277,7 @@ impl Problem {
             if self.max_prior_z(&settled.eta) <= self.settings.fit.repeated_from {
                 break;
             }
-            let mut eta = settled.eta.clone();
-            eta[..self.nuisance.of_simulation()].fill(0.0);
+            let eta = self.nuisance.as_given(&settled.eta);
             let jacobian = jacobian.get_or_init(|| self.jacobian(&self.plant));
             let anew = self.last_steps(&self.fit(jacobian, &eta, &settled.effects, ANEW));
             let gain = settled.cost - anew.cost;

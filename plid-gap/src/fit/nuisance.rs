@@ -143,6 +143,13 @@ impl Nuisance {
         self.of_modes() + self.numbers().len()
     }
 
+    /// Returns these parameters with the simulation as given: its own are zero, and the initial states stay.
+    pub fn as_given(&self, eta: &[f64]) -> Vec<f64> {
+        let mut given = eta.to_vec();
+        given[..self.of_simulation()].fill(0.0);
+        given
+    }
+
     /// Returns the number of entries that belong to the modes.
     pub(super) fn of_modes(&self) -> usize {
         self.modes * self.each()

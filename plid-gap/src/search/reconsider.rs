@@ -66,20 +66,19 @@ pub(super) fn related<'a>(
         starts.into_iter().map(move |parameters| Placed { effect, place: found.place.clone(), parameters })
     };
     let new = |placed: &Placed| price.scope.admits(placed) && !others.iter().any(|other| same(other, placed));
-    let others_at = |effect: &&dyn Effect| {
+    let may_be_there = |effect: &&dyn Effect| {
         effect.name() != found.effect.name() && effect.places(&problem.setting).contains(&found.place)
     };
-    let at = price.scope.library.effects().filter(others_at);
-    // The linear parameters may have absorbed a part of the effect that was found, or not.
-    let mut absorbed = best.eta.clone();
-    absorbed[..problem.nuisance.of_simulation()].fill(0.0);
+    let at = price.scope.library.effects().filter(may_be_there);
+    // The linear parameters may have made up for what the effect that was found lacks.
+    let etas = [best.eta.clone(), problem.nuisance.as_given(&best.eta)];
     let with = |placed: Placed<'a>| {
         let effects = [others, &[placed]].concat();
-        [&best.eta, &absorbed].map(|eta| Fit { eta: eta.clone(), effects: effects.clone(), ..best.clone() })
+        etas.each_ref().map(|eta| Fit { eta: eta.clone(), effects: effects.clone(), ..best.clone() })
     };
     let starts: Vec<Fit> = at.flat_map(starts).filter(new).flat_map(with).collect();
-    let fits = starts.into_par_iter().filter_map(|start| whether_sound(problem, polish(problem, start)));
-    let fits: Vec<Fit> = fits.collect();
+    let fits: Vec<Fit> =
+        (starts.into_par_iter()).filter_map(|start| whether_sound(problem, polish(problem, start))).collect();
     candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
     fits.into_iter().fold(best, |best, fit| if price.of(&fit) < price.of(&best) { fit } else { best })
 }

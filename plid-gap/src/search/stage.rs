@@ -190,9 +190,7 @@ impl<'a> Start<'a> {
         if !quick.is_loaded(effects) {
             return near;
         }
-        let mut eta = self.eta.clone();
-        eta[..quick.nuisance.of_simulation()].fill(0.0);
-        let anew = fit(&eta);
+        let anew = fit(&quick.nuisance.as_given(&self.eta));
         if anew.cost < near.cost { anew } else { near }
     }
 
