@@ -70,6 +70,19 @@ pub fn diagnose(
     diagnose_with(trial, options, &|folder, without| plid(folder, without, library), progress)
 }
 
+/// Diagnoses the cases like [`diagnose`], without the baselines.
+///
+/// # Errors
+/// Returns the errors of [`diagnose`].
+pub fn diagnose_alone(
+    trial: &Path,
+    options: Options,
+    library: &Library,
+    progress: &dyn Progress,
+) -> Result<Done, TrialError> {
+    diagnose_with(trial, options, &|folder, without| plid_without(folder, without, library, &[]), progress)
+}
+
 /// Answers the cases with any diagnosis.
 ///
 /// # Errors

@@ -31,7 +31,7 @@ pub mod vocabulary;
 pub use ablation::{diagnose_without, score_without};
 pub use answer::{Answer, Answered, Seconds};
 pub use config::TrialConfig;
-pub use diagnose::{Done, Options, diagnose, diagnose_with};
+pub use diagnose::{Done, Options, diagnose, diagnose_alone, diagnose_with};
 pub use draw::{Drawn, draw};
 pub use error::TrialError;
 pub use manifest::{DrawnCase, config_of};

@@ -13,6 +13,7 @@ pub use crate::judge::family::Family;
 use crate::judge::locate::LevelGap;
 pub use crate::judge::shrink::{Gap, ShrinkOver};
 pub use crate::judge::side::PlaceShare;
+pub use crate::judge::statement::{About, Statement};
 pub use crate::judge::verdict::Verdict;
 use crate::settings::{GapSettings, PlantSettings};
 
@@ -218,6 +219,9 @@ pub struct Diagnosis {
     /// How well the records could separate explanations, the best one first.
     #[serde(default)]
     pub separability: Vec<Comparison>,
+    /// The statements of the verdict and of further effects, with what their probabilities rest on.
+    #[serde(default)]
+    pub statements: Vec<Statement>,
     /// Where the gap lies.
     #[serde(rename = "where")]
     pub place: Where,

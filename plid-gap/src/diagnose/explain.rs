@@ -11,7 +11,7 @@ use crate::fit::refit::{Refit, STEPS, refit};
 use crate::judge::explained::{Explained, left};
 use crate::judge::offsets::offsets;
 use crate::judge::predictability::Unpredicted;
-use crate::judge::verdict::{Adequacy, FitFigures, adequacy, least_unknown, outside};
+use crate::judge::verdict::{Adequacy, FitFigures, adequacy, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
 use crate::search::course::not_of_time;
@@ -286,16 +286,9 @@ impl Judging<'_> {
             // A free shape may be correlated with linear parameters, and they hide the same in both fits.
             let freed = self.adequacy(straight.min(problem.max_prior_z(&free.fit.eta)), 0.0, free.fit.cost);
             say(format!("with a free shape: {freed:.2?}"));
-            judged.unknown = judged.unknown.min(freed.unknown).max(settings.shape_differs);
-        }
-        if best.effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some()) {
-            judged.unknown = judged.unknown.max(settings.caveat);
+            judged.unknown = judged.unknown.min(freed.unknown);
         }
         let fit = free.map_or(&best, |free| &free.fit);
-        if !best.effects.is_empty() {
-            let explained = (self.before - fit.cost) / fit.cost;
-            judged.unknown = judged.unknown.max(least_unknown(explained, self.level.seen, settings));
-        }
         if self.ready.widened.is_some() {
             let noise = self.unpredicted.map_or_else(|| self.ready.noise.rms(), |noise| noise.rms.clone());
             let left = left(self.ready, self.refitted, fit, &noise);

@@ -23,6 +23,7 @@ use crate::judge::next_experiment::next_experiment;
 use crate::judge::separability::{Predicted, Rival, rivals};
 use crate::judge::settle_all::with_all;
 use crate::judge::side::places;
+use crate::judge::statement::{About, Statement, basis, of_effect};
 use crate::judge::stochastic_gap::of_dropped;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::search::rules::Rules;
@@ -76,6 +77,8 @@ impl<'f, 'a> Finding<'f, 'a> {
         let predicted = (*verdict != Verdict::None).then(|| Predicted::new(&ready.problem, self.explained.fit()));
         let rivals = predicted.as_ref().map_or_else(Vec::new, |predicted| rivals(predicted, best, &found.candidates));
         let mut effects = self.named();
+        let statements = self.statements(&effects);
+        self.weaken_further(&mut effects);
         let sentence = self.sentence(&effects, &rivals);
         let mut candidates = self.candidates(&effects);
         if *verdict != Verdict::Effects {
@@ -100,6 +103,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             candidates,
             not_separable: classes(self.explained, &rivals),
             separability: comparisons(found, best, &rivals, names),
+            statements,
             place: place(
                 before,
                 &names.outputs,
@@ -140,11 +144,42 @@ impl<'f, 'a> Finding<'f, 'a> {
         };
         let mut first = true;
         sorted.retain(|sized| std::mem::take(&mut first) || stands(sized));
-        let mut named: Vec<NamedEffect> = sorted.into_iter().map(|(effect, _)| effect).collect();
-        if imperfect {
-            named.iter_mut().skip(1).for_each(|effect| effect.confidence *= judge.further_right);
+        sorted.into_iter().map(|(effect, _)| effect).collect()
+    }
+
+    fn weaken_further(&self, named: &mut [NamedEffect]) {
+        let ready = &self.explained.ready;
+        if ready.widened.is_some() {
+            let further_right = ready.problem.settings.judge.further_right;
+            named.iter_mut().skip(1).for_each(|effect| effect.confidence *= further_right);
         }
-        named
+    }
+
+    /// Returns the statements of the answer, that of the verdict first.
+    fn statements(&self, named: &[NamedEffect]) -> Vec<Statement> {
+        let Judgement { gaps, shares, verdict, before, .. } = &self.judged;
+        let whole = basis(self.explained, gaps);
+        let about = match verdict {
+            Verdict::Effects => None,
+            Verdict::None => Some(About::Nothing),
+            Verdict::Unknown => Some(About::Unknown),
+        };
+        if let Some(about) = about {
+            return vec![Statement { about, before: *before, basis: whole }];
+        }
+        let names = &self.explained.ready.problem.setting.names;
+        let best = &self.explained.found.best.effects;
+        let of = |(at, effect): (usize, &NamedEffect)| {
+            let is = |placed: &Placed| {
+                placed.effect.name() == effect.effect && placed.place.location(names) == effect.location
+            };
+            let share = best.iter().position(is).and_then(|which| shares.get(which));
+            let mut basis = whole.clone();
+            basis.extend(of_effect(share));
+            let about = if at == 0 { About::Effect } else { About::Further };
+            Statement { about, before: effect.confidence, basis }
+        };
+        named.iter().enumerate().map(of).collect()
     }
 
     /// Returns all explanations with their probabilities. In an imperfect simulation, small effects of the best

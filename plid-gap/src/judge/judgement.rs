@@ -43,6 +43,8 @@ pub struct Judgement<'j, 'a> {
     pub weighted: Vec<Weighted<'a>>,
     /// The verdict.
     pub verdict: Verdict,
+    /// Probability of "nothing" or of "something else", whichever is the verdict, before calibration.
+    pub before: f64,
     /// The states that the simulation lacks, if no effect explains the records as well as they do.
     pub lacking: Option<LackingStates>,
 }
@@ -81,14 +83,32 @@ impl<'j, 'a> Judgement<'j, 'a> {
         }
         let squared_gaps: Vec<f64> = shown.iter().map(|u| squared_gap(explained, u)).collect();
         let verdict = verdict(explained, &weighted, &squared_gaps, &gaps, config.material);
-        match verdict {
-            Verdict::Unknown => of_unknown(&mut weighted, &problem.settings.judge),
-            Verdict::None if weighted.first().is_some_and(|top| top.unknown) => {
-                of_immaterial(&mut weighted, &problem.settings.judge);
-            }
-            _ => {}
+        let settings = &problem.settings.judge;
+        if verdict == Verdict::None && weighted.first().is_some_and(|top| top.unknown) {
+            of_immaterial(&mut weighted, settings);
         }
-        Self { plant, actions, gaps, held_out, simulated, shares, shown, squared_gaps, weighted, verdict, lacking }
+        let of = |is: &dyn Fn(&Weighted) -> bool| weighted.iter().filter(|w| is(w)).map(|w| w.probability).sum();
+        let before = match verdict {
+            Verdict::None => of(&|w| !w.unknown && w.effects.is_empty()),
+            _ => of(&|w| w.unknown),
+        };
+        if verdict == Verdict::Unknown {
+            of_unknown(&mut weighted, settings);
+        }
+        Self {
+            plant,
+            actions,
+            gaps,
+            held_out,
+            simulated,
+            shares,
+            shown,
+            squared_gaps,
+            weighted,
+            verdict,
+            before,
+            lacking,
+        }
     }
 }
 

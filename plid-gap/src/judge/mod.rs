@@ -20,5 +20,6 @@ pub(crate) mod settle_all;
 pub(crate) mod shares;
 pub(crate) mod shrink;
 pub(crate) mod side;
+pub(crate) mod statement;
 pub(crate) mod stochastic_gap;
 pub(crate) mod verdict;

@@ -93,12 +93,12 @@ impl Unpredicted {
         (at_most < settings.noise_predicted).then(|| Self { at_most, rms: (0..problem.plant.p).map(left).collect() })
     }
 
-    /// Returns the least probability of something else: that of answers without a known noise level, and more the more
-    /// the inputs may predict.
+    /// Returns the least probability of something else: the more the inputs may
+    /// predict, the more it is.
     pub fn unknown(&self, settings: &JudgeSettings) -> f64 {
-        let JudgeSettings { least_unknown, most_unknown, noise_unknown, noise_predicted, .. } = *settings;
+        let JudgeSettings { least_unknown, most_unknown, noise_predicted, .. } = *settings;
         let doubt = self.at_most / (self.at_most + noise_predicted);
-        least_unknown + noise_unknown + (most_unknown - least_unknown) * doubt
+        least_unknown + (most_unknown - least_unknown) * doubt
     }
 
     /// Returns whether it hides an effect: the steps of a converter that are smaller than this noise.

@@ -92,13 +92,6 @@ pub fn adequacy(figures: &FitFigures, settings: &JudgeSettings, off: &[Step]) ->
     Adequacy { excess, left, max_prior_z, next_gain, unknown }
 }
 
-/// Returns the least probability of something else if effects explain this power, over that of the noise; `seen` says
-/// whether records show the noise level.
-pub fn least_unknown(explained: f64, seen: bool, settings: &JudgeSettings) -> f64 {
-    let faint = settings.faint / (1.0 + (explained.max(0.0) / settings.faint_power).powi(2));
-    settings.least_unknown + faint + if seen { 0.0 } else { settings.noise_unknown }
-}
-
 /// Returns the probability of something else if an explanation leaves this share, in amplitude, of the gap beyond noise
 /// and limits, and no explanation leaves only noise because the simulation is off in many small ways.
 pub fn outside(left: f64, settings: &JudgeSettings) -> f64 {
@@ -172,20 +165,6 @@ mod tests {
         assert!(unknown[3] < 0.25 && unknown[4] < 0.5, "{unknown:?}");
         // More than all others together.
         assert!(outside(0.51, &settings) > 0.5 && outside(2.0, &settings) > 0.5);
-    }
-
-    /// The more an effect explains, the more certain it is, and most so if the noise level is known.
-    #[test]
-    fn what_is_faint_is_less_sure() {
-        let settings = JudgeSettings::default();
-        let explained = [0.0, 0.1, 0.5, 2.0, 1e6];
-        for seen in [true, false] {
-            let least = explained.map(|power| least_unknown(power, seen, &settings));
-            assert!(least.windows(2).all(|pair| pair[1] < pair[0]), "{least:?}");
-            assert!(least[0] < 0.5, "{least:?}");
-        }
-        assert!((least_unknown(1e6, true, &settings) - settings.least_unknown).abs() < 1e-9);
-        assert!(least_unknown(1e6, false, &settings) > settings.least_unknown);
     }
 
     /// Explanations that the search did not accept rank behind no effect by their price, however much is left.

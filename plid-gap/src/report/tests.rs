@@ -115,6 +115,7 @@ fn diagnosis() -> Diagnosis {
         candidates: candidates(),
         not_separable: vec![vec!["cubic-stiffness@input:u1".into(), "clearance@input:u1".into()]],
         separability: separability(),
+        statements: Vec::new(),
         place: place(),
         gap: gap(),
         remainder: Default::default(),

@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use plid::gap::Step;
 use plid::gap::effects::Library;
-use plid_trial::{Done, Options, Shard, diagnose, diagnose_without};
+use plid_trial::{Done, Options, Shard, diagnose, diagnose_alone, diagnose_without};
 use serde_json::json;
 
 use super::progress::Bar;
@@ -31,6 +31,9 @@ pub struct Arguments {
     /// Number of cases diagnosed at a time [default: number of cores].
     #[arg(long, value_name = "J")]
     jobs: Option<usize>,
+    /// Leave out the simpler methods with which the diagnosis is compared.
+    #[arg(long, conflicts_with = "off")]
+    no_baselines: bool,
     /// Diagnose with nothing off, and again with each of these steps off (separated by commas).
     #[arg(long, value_name = "STEP", value_delimiter = ',', conflicts_with = "shard")]
     off: Vec<Step>,
@@ -40,10 +43,11 @@ pub struct Arguments {
 pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     let jobs = jobs(arguments.jobs)?;
     let bar = Bar::new(voice.quiet || voice.json);
-    let done = if arguments.off.is_empty() {
-        diagnose(&arguments.trial, Options { shard: arguments.shard, jobs }, library, &bar).map(|done| vec![done])
-    } else {
-        diagnose_without(&arguments.trial, &arguments.off, jobs, library, &bar)
+    let (trial, options) = (&arguments.trial, Options { shard: arguments.shard, jobs });
+    let done = match (arguments.off.is_empty(), arguments.no_baselines) {
+        (true, false) => diagnose(trial, options, library, &bar).map(|done| vec![done]),
+        (true, true) => diagnose_alone(trial, options, library, &bar).map(|done| vec![done]),
+        (false, _) => diagnose_without(trial, &arguments.off, jobs, library, &bar),
     };
     bar.finish();
     done?.iter().try_for_each(|done| tell(done, voice))
