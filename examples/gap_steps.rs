@@ -66,6 +66,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
         effects: &[],
         residual: &fit.residual,
         bold: false,
+        sized: false,
     };
     print_screen(&base, &library);
 

@@ -29,6 +29,10 @@ pub struct Share {
 /// all of them; `within` is the simulation without any, within its limits. Without an effect, the others and the linear
 /// parameters are fitted again. The linear parameters stay within their limits: a frequency that is off by more is an
 /// effect and must not hide another one.
+///
+/// Two laws at one place may be one law of another shape. Either of them then replaces most of the other, and neither
+/// closes much beside it. The one that the search found first explains most alone, and its share is that of both
+/// together.
 pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share> {
     let problem = &explained.ready.problem;
     let fit = explained.fit();
@@ -38,13 +42,14 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
     let limits = blocks(&opened, within, &[]);
     let jacobian = (named.len() > 1).then(|| problem.jacobian(&problem.nuisance.apply(&problem.plant, &fit.eta)));
     let sibling = explained.free_shape.as_ref().map(|free| (free.which, fit.effects.len() - 1));
-    let others = |which: usize| -> Vec<Placed> {
-        let is_sibling = |at: usize| sibling == Some((which, at));
-        let stays = |(at, placed): &(usize, &Placed)| !is_sibling(*at) && !same(placed, &named[which]);
+    let others = |removed: &[usize]| -> Vec<Placed> {
+        let is_removed = |placed: &Placed| removed.iter().any(|&which| same(placed, &named[which]));
+        let is_sibling = |at: usize| sibling.is_some_and(|(which, own)| own == at && removed.contains(&which));
+        let stays = |(at, placed): &(usize, &Placed)| !is_sibling(*at) && !is_removed(placed);
         fit.effects.iter().enumerate().filter(stays).map(|(_, placed)| placed.clone()).collect()
     };
-    let without = |which: usize| -> Blocks {
-        let others = others(which);
+    let without = |removed: &[usize]| -> Blocks {
+        let others = others(removed);
         let Some(jacobian) = jacobian.as_ref().filter(|_| !others.is_empty()) else { return limits.clone() };
         let Fit { eta, mut effects, .. } = problem.fit(jacobian, &fit.eta, &others, WITHOUT);
         effects.extend(explained.offsets.iter().cloned());
@@ -56,8 +61,8 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
         let all = (limits * limits - floor * floor).max(closed);
         if all > 0.0 { closed / all } else { 0.0 }
     };
-    let one = |which: usize| {
-        let without = without(which);
+    let of = |removed: &[usize]| {
+        let without = without(removed);
         let (missing, rest) = (without.gap(), with.gap());
         let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
         Share {
@@ -67,5 +72,23 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
             left: (beyond(rest) / beyond(missing).max(f64::MIN_POSITIVE)).sqrt(),
         }
     };
-    (0..named.len()).map(one).collect()
+    let mut shares: Vec<Share> = (0..named.len()).map(|which| of(&[which])).collect();
+    for group in groups(named) {
+        let sum: f64 = group.iter().map(|&which| shares[which].closed).sum();
+        let together = of(&group);
+        if together.closed > problem.settings.judge.replaceable * sum {
+            shares[group[0]] = together;
+        }
+    }
+    shares
+}
+
+/// Returns the numbers of the effects that are of one side of the signal path and at one place, where there are several.
+fn groups(effects: &[Placed]) -> Vec<Vec<usize>> {
+    let alike = |a: &Placed, b: &Placed| a.place == b.place && a.effect.side() == b.effect.side();
+    let group = |first: usize| -> Vec<usize> {
+        (first..effects.len()).filter(|&other| alike(&effects[first], &effects[other])).collect()
+    };
+    let is_first = |which: &usize| !effects[..*which].iter().any(|other| alike(other, &effects[*which]));
+    (0..effects.len()).filter(is_first).map(group).filter(|group| group.len() > 1).collect()
 }

@@ -85,6 +85,7 @@ pub fn from_given<'a>(problem: &Problem, model: &Fit<'a>, informed: &Jacobian, s
         effects,
         residual: &residual,
         bold: false,
+        sized: false,
     };
     let there = |placed: &Placed| effects.iter().any(|other| same(other, placed)) || !scope.admits(placed);
     let entries = screen(&base, scope.library, |placed| !placed.effect.is_number() || there(placed));
@@ -111,6 +112,7 @@ fn causes<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Sc
         effects: &from.effects,
         residual: &from.residual,
         bold: false,
+        sized: false,
     };
     let now = Now::new(&base);
     let cause = |mut placed: Placed<'a>| {

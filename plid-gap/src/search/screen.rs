@@ -48,6 +48,9 @@ pub struct Base<'p, 'a> {
     /// Whether effects are tried at several sizes: if a gap is as large as the output, a linear extrapolation of the
     /// size is useless.
     pub bold: bool,
+    /// Whether internal forces are tried at several sizes although their traces are scaled: a force that moves a
+    /// resonance by more than its width does not change the outputs in proportion.
+    pub sized: bool,
 }
 
 /// Returns all entries, the best first: for each effect at each location its best shape.
@@ -92,30 +95,43 @@ pub(super) struct Tried<'a> {
     pub scaled: bool,
 }
 
-/// Returns the trials of an effect at a location: each start of its shape, and several sizes of a bold one.
+/// Returns the trials of an effect at a location: each start of its shape, and several sizes of an internal force.
 fn shapes<'a>(base: &Base, effect: &'a dyn Effect, place: &Place) -> Vec<Tried<'a>> {
     let setting = &base.problem.setting;
-    let bold = match *place {
-        Place::Port(port) if base.bold && setting.is_on_a_mode(port) => effect.amplitude().map(|of| (port, of)),
-        _ => None,
-    };
     let mut tried = Vec::new();
     for parameters in effect.starts(setting, place) {
         let placed = Placed { effect, place: place.clone(), parameters };
-        if let Some((port, (index, neutral))) = bold {
-            let signs = match effect.parameters(setting)[index].range {
-                Range::Positive => &[1.0][..],
-                _ => &[1.0, -1.0],
-            };
-            for by in setting.bold_sizes(port).into_iter().flat_map(|by| signs.iter().map(move |s| by * s)) {
-                let mut placed = placed.clone();
-                placed.parameters[index] = neutral + by * (placed.parameters[index] - neutral);
-                tried.push(Tried { placed, scaled: false });
-            }
-        }
+        tried.extend(sizes(base, &placed));
         tried.push(Tried { placed, scaled: true });
     }
     tried
+}
+
+/// Returns further sizes of an internal force, if the base asks for them.
+fn sizes<'a>(base: &Base, start: &Placed<'a>) -> Vec<Tried<'a>> {
+    let (setting, effect) = (&base.problem.setting, start.effect);
+    let Some((index, neutral)) = effect.amplitude().filter(|_| base.bold || base.sized) else { return Vec::new() };
+    let port = effect.act(setting, &start.place, &start.parameters).iter().find_map(|action| match action {
+        Action::Force(port, _) => Some(*port),
+        _ => None,
+    });
+    // The size of a bold one counts as it is; elsewhere the trace at a size is scaled.
+    let Some((port, scaled)) = port.and_then(|port| match setting.is_on_a_mode(port) {
+        true => base.bold.then_some((port, false)),
+        false => base.sized.then_some((port, true)),
+    }) else {
+        return Vec::new();
+    };
+    let signs = match effect.parameters(setting)[index].range {
+        Range::Positive => &[1.0][..],
+        _ => &[1.0, -1.0],
+    };
+    let with = |by: f64| {
+        let mut placed = start.clone();
+        placed.parameters[index] = neutral + by * (placed.parameters[index] - neutral);
+        Tried { placed, scaled }
+    };
+    setting.bold_sizes(port).into_iter().flat_map(|by| signs.iter().map(move |sign| with(by * sign))).collect()
 }
 
 /// Pairs of an effect and a location whose traces are projected together. The derivatives of the linear parameters are

@@ -8,6 +8,7 @@ use crate::effects::Range;
 use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem, sum_of_squares};
 use crate::fit::refit::clipped;
 use crate::search::price::Price;
+use crate::search::rules::Scope;
 use crate::search::screen::{Base, Entry, screen};
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
@@ -50,7 +51,7 @@ impl<'a> SearchStage<'a> {
         counts: [usize; 2],
     ) -> Self {
         let from = Start::new(quick, so_far, &price.scope.off);
-        let entries = screen(&from.base(quick, price.scope.bold), price.scope.library, there);
+        let entries = screen(&from.base(quick, price.scope), price.scope.library, there);
         let incumbent = replaces.map(|placed| {
             let fit = from.fitted(quick, &[&from.effects[..], std::slice::from_ref(placed)].concat());
             from.cost - price.of(&fit)
@@ -194,7 +195,7 @@ impl<'a> Start<'a> {
         if anew.cost < near.cost { anew } else { near }
     }
 
-    pub(super) fn base<'p>(&'p self, problem: &'p Problem, bold: bool) -> Base<'p, 'a> {
+    pub(super) fn base<'p>(&'p self, problem: &'p Problem, scope: &Scope) -> Base<'p, 'a> {
         Base {
             problem,
             jacobian: &self.jacobian,
@@ -202,7 +203,8 @@ impl<'a> Start<'a> {
             eta: &self.eta,
             effects: &self.effects,
             residual: &self.residual,
-            bold,
+            bold: scope.bold,
+            sized: scope.imperfect,
         }
     }
 }

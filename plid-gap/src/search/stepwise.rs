@@ -101,7 +101,7 @@ pub(super) fn search<'a>(
         let searched = if stage == 0 { first } else { &own }.get_or_init(new);
         let (entries, mut fits) = standing(searched, [problem, quick], refit, &best, &there, &price, say);
         if stage == 0 {
-            overlap = of_screen(&searched.from.base(quick, scope.bold), &entries[..entries.len().min(settings.fitted)]);
+            overlap = of_screen(&searched.from.base(quick, scope), &entries[..entries.len().min(settings.fitted)]);
         }
         stages.push(entries);
         for start in std::mem::take(&mut runners_up) {

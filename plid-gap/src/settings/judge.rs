@@ -29,38 +29,21 @@ group! {
         /// Addition to `temperature`, as a share of the misfit of the best explanation beyond twice the uncertainty of
         /// the noise level. Differences between inadequate models are not significant.
         misfit_temperature: f64 = 0.05, "1", 0.0..=1e3;
-        /// Probability of something else where only a free shape is adequate. Of 52 such answers in development 49 were
-        /// right, fewer where more causes lie outside the vocabulary; 0.2 counts as kept open.
-        shape_differs: f64 = 0.21, "1", 0.0..=1.0;
-        /// Probability of something else if effects explain very little. Of 34 blind cases whose effects explained less
-        /// than half the power of the noise and were stated with 0.9 or more, 29 were right; of 224 in which they
-        /// explained more than the noise, 218.
-        faint: f64 = 0.15, "1", 0.0..=1.0;
-        /// Explained power, over that of the noise, at which half of `faint` is left.
+        /// Power that effects explain, over that of the noise, at which they are half as faint as with none: the
+        /// calibration of probabilities considers how faint effects are.
         faint_power: f64 = 0.4, "1", 1e-9..=1e9;
-        /// Probability of something else, in addition, where no record shows the noise level. Of 84 such blind cases
-        /// that were stated with 0.9 or more, 70 were right.
-        noise_unknown: f64 = 0.09, "1", 0.0..=1.0;
         /// Share of the innovations of the remainder that the inputs may predict if it is to count as noise, where no
         /// record shows the noise level. For simulated and measured linear plants with process noise the inputs
         /// predicted at most 0.07; for unmodelled nonlinearities they predicted at least 0.12.
         noise_predicted: f64 = 0.08, "1", 1e-6..=1.0;
         /// Largest gap that counts as noise in this way. Larger noise would be known to the engineer.
         most_noise: f64 = 0.3, "1", 0.0..=1e3;
-        /// Probability of something else where an effect's parameters are at the limit of what its name means.
-        caveat: f64 = 0.21, "1", 0.0..=1.0;
         /// Least probability of something else.
         least_unknown: f64 = 0.02, "1", 0.0..=1.0;
         /// Largest probability of something else, also if held-out records refute the best explanation. In half of the
         /// blind cases in which nothing in the vocabulary sufficed, the cause was nevertheless in it, with another
         /// shape or together with another effect.
         most_unknown: f64 = 0.6, "1", 0.0..=1.0;
-        /// Probability of something else where it is the verdict. Of 47 such answers in development, 40 were right. The
-        /// verdict itself does not depend on it.
-        unknown_right: f64 = 0.85, "1", 0.0..=1.0;
-        /// Factor of the probability of each effect other than the largest one in an imperfect simulation. Of 18
-        /// explanations by several effects in development, most of them by two, 13 were right.
-        further_right: f64 = 0.85, "1", 0.0..=1.0;
         /// Amplitude that an explanation may leave of the gap beyond noise and limits. With imperfect truths the true
         /// causes left 0.03 to 0.36, and imitations of a cause outside the vocabulary 0.70 or more.
         most_left: f64 = 0.5, "1", 1e-6..=1.0;
@@ -102,6 +85,9 @@ group! {
         /// Least share of the squared held-out gap that an effect other than the largest must close to be named: a
         /// tenth in amplitude. Smaller shares belong to the many small errors of every simulation.
         least_share: f64 = 0.01, "1", 0.0..=1.0;
+        /// Squared gap that effects at one place close together, over the sum of what each closes beside the others, from
+        /// which they count as one law of another shape, under the name of the one that was found first.
+        replaceable: f64 = 2.0, "1", 1.0..=1e6;
         /// Least confidence in an effect other than the largest to be named where the simulation is imperfect as a
         /// whole: it is more likely than not at work. Of 23 smaller effects that answers for 29 imperfect truths named,
         /// none was the cause that was planted; 19 of them had a confidence of 0.4 or less.

@@ -91,6 +91,7 @@ fn further<'a>(
         effects: &best.effects,
         residual: &best.residual,
         bold: false,
+        sized: false,
     };
     let is_there = |placed: &Placed| {
         let same = |e: &Placed| e.effect.name() == placed.effect.name() && e.place == placed.place;
