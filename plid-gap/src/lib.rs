@@ -23,6 +23,10 @@ mod plant;
 mod prepare;
 pub mod report;
 pub mod research;
+/// The calibration of stated probabilities by trials.
+pub mod calibration {
+    pub use crate::judge::calibration::{Calibration, Coefficients, Learnt, MOST_LOG_ODDS, log_odds};
+}
 mod search;
 pub mod settings;
 mod signal;

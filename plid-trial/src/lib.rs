@@ -7,6 +7,7 @@
 pub mod ablation;
 mod answer;
 pub mod baselines;
+pub mod calibrate;
 pub mod ceiling;
 pub mod config;
 mod diagnose;
@@ -30,6 +31,7 @@ pub mod vocabulary;
 
 pub use ablation::{diagnose_without, score_without};
 pub use answer::{Answer, Answered, Seconds};
+pub use calibrate::{Calibrated, Opened, calibrate};
 pub use config::TrialConfig;
 pub use diagnose::{Done, Options, diagnose, diagnose_alone, diagnose_with};
 pub use draw::{Drawn, draw};

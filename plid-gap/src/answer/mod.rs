@@ -1,6 +1,6 @@
 //! The answer in names, figures and sentences.
 
-pub(crate) mod further;
+pub(crate) mod calibrated;
 mod motion;
 pub mod predict;
 pub(crate) mod range;

@@ -2,7 +2,7 @@
 
 use plid_model::Model;
 
-use crate::answer::further::divided;
+use crate::answer::calibrated::calibrated;
 use crate::answer::schema::{Diagnosis, Explanation, Located, NamedEffect, SimulationWithEffects};
 use crate::answer::sentence::{Said, remains, sentence};
 use crate::answer::simulation::written;
@@ -16,6 +16,7 @@ use crate::evidence::Evidence;
 use crate::fit::candidate::{in_words, same};
 use crate::fit::free_run::{errors, run};
 use crate::fit::problem::Placed;
+use crate::judge::calibration::Calibration;
 use crate::judge::explained::Explained;
 use crate::judge::judgement::Judgement;
 use crate::judge::locate::{self, Map};
@@ -23,7 +24,7 @@ use crate::judge::next_experiment::next_experiment;
 use crate::judge::separability::{Predicted, Rival, rivals};
 use crate::judge::settle_all::with_all;
 use crate::judge::side::places;
-use crate::judge::statement::{About, Statement, basis, of_effect};
+use crate::judge::statement::{About, Statement, basis};
 use crate::judge::stochastic_gap::of_dropped;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::search::rules::Rules;
@@ -78,9 +79,9 @@ impl<'f, 'a> Finding<'f, 'a> {
         let rivals = predicted.as_ref().map_or_else(Vec::new, |predicted| rivals(predicted, best, &found.candidates));
         let mut effects = self.named();
         let statements = self.statements(&effects);
-        self.weaken_further(&mut effects);
+        let candidates = self.candidates(&effects);
+        let mut candidates = joined(calibrated(candidates, &mut effects, &statements, Calibration::used()));
         let sentence = self.sentence(&effects, &rivals);
-        let mut candidates = self.candidates(&effects);
         if *verdict != Verdict::Effects {
             effects.clear();
         }
@@ -147,18 +148,10 @@ impl<'f, 'a> Finding<'f, 'a> {
         sorted.into_iter().map(|(effect, _)| effect).collect()
     }
 
-    fn weaken_further(&self, named: &mut [NamedEffect]) {
-        let ready = &self.explained.ready;
-        if ready.widened.is_some() {
-            let further_right = ready.problem.settings.judge.further_right;
-            named.iter_mut().skip(1).for_each(|effect| effect.confidence *= further_right);
-        }
-    }
-
     /// Returns the statements of the answer, that of the verdict first.
     fn statements(&self, named: &[NamedEffect]) -> Vec<Statement> {
-        let Judgement { gaps, shares, verdict, before, .. } = &self.judged;
-        let whole = basis(self.explained, gaps);
+        let Judgement { verdict, before, .. } = &self.judged;
+        let whole = basis(self.explained);
         let about = match verdict {
             Verdict::Effects => None,
             Verdict::None => Some(About::Nothing),
@@ -167,17 +160,9 @@ impl<'f, 'a> Finding<'f, 'a> {
         if let Some(about) = about {
             return vec![Statement { about, before: *before, basis: whole }];
         }
-        let names = &self.explained.ready.problem.setting.names;
-        let best = &self.explained.found.best.effects;
         let of = |(at, effect): (usize, &NamedEffect)| {
-            let is = |placed: &Placed| {
-                placed.effect.name() == effect.effect && placed.place.location(names) == effect.location
-            };
-            let share = best.iter().position(is).and_then(|which| shares.get(which));
-            let mut basis = whole.clone();
-            basis.extend(of_effect(share));
             let about = if at == 0 { About::Effect } else { About::Further };
-            Statement { about, before: effect.confidence, basis }
+            Statement { about, before: effect.confidence, basis: whole.clone() }
         };
         named.iter().enumerate().map(of).collect()
     }
@@ -207,12 +192,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             gap_after: w.cost.map(|cost| gaps.noise_floor * (cost / factor).max(0.0).sqrt()),
             wiring: None,
         };
-        let together = joined(weighted.iter().map(explanation).collect());
-        if ready.widened.is_none() {
-            return together;
-        }
-        let main = named.first().map(|main| Located { effect: main.effect.clone(), location: main.location.clone() });
-        joined(divided(together.into_iter(), main.as_ref(), &ready.problem.settings.judge))
+        joined(weighted.iter().map(explanation).collect())
     }
 
     /// Returns the answer in a few sentences.

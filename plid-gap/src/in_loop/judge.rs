@@ -6,6 +6,8 @@ use crate::fit::candidate::{all_same, same};
 use crate::fit::problem::Placed;
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::search::{Found, Search};
+use crate::judge::calibration::Calibration;
+use crate::judge::statement::AT_LIMIT;
 use crate::judge::verdict::{Verdict, Weighted, outside};
 use crate::settings::JudgeSettings;
 
@@ -107,8 +109,8 @@ pub(super) fn judge<'a>(
         (false, true) => settings.most_unknown,
         (false, false) => settings.least_unknown,
     };
-    let caveat = best.effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some());
-    let unknown = if caveat { unknown.max(settings.caveat) } else { unknown };
+    let at_limit = best.effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some());
+    let unknown = if at_limit { 1.0 - Calibration::used().effect.shifted(1.0 - unknown, AT_LIMIT) } else { unknown };
     let mut weighted: Vec<Weighted> = Vec::new();
     let mut not_separable = Vec::new();
     for (at, fit) in found.fits.iter().enumerate() {

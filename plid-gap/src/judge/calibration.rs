@@ -1,31 +1,120 @@
-//! Corrections of the probability of something else by the verdict, and by how often such answers of blind trials were
-//! right. Likelihoods say how much better one explanation is than another, and not how often none of them is right.
+//! The calibration of stated probabilities: how often statements like this one were right in blind trials.
+//!
+//! Likelihoods say how much better one explanation is than another, and not how often none of them is right. The
+//! log-odds of a statement are therefore a linear function of the log-odds before calibration and of its basis
+//! (logistic regression; Platt, Advances in Large Margin Classifiers, 2000, 61). `plid gap trial calibrate` fits the
+//! coefficients to trials.
 
-use crate::judge::verdict::Weighted;
-use crate::settings::JudgeSettings;
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
-/// Gives something else the probability with which such a verdict is right. The first explanation is something else.
-pub(crate) fn of_unknown(weighted: &mut [Weighted], settings: &JudgeSettings) {
-    let Some((unknown, others)) = weighted.split_first_mut() else { return };
-    if unknown.probability >= settings.unknown_right {
-        return;
-    }
-    let factor = (1.0 - settings.unknown_right) / (1.0 - unknown.probability);
-    unknown.probability = settings.unknown_right;
-    others.iter_mut().for_each(|other| other.probability *= factor);
+use serde::{Deserialize, Serialize};
+
+use crate::judge::statement::{About, Statement};
+
+/// Largest log-odds, before and after calibration: no trial has enough cases to show more.
+pub const MOST_LOG_ODDS: f64 = 6.0;
+
+/// The coefficients that the program uses.
+const USED: &str = include_str!("calibration.json");
+
+/// The coefficients of the log-odds of one kind of statement.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Coefficients {
+    /// The log-odds if everything else is zero.
+    pub constant: f64,
+    /// Factor of the log-odds before calibration.
+    pub before: f64,
+    /// Factors of the basis, by name. What is not listed does not count.
+    pub basis: BTreeMap<String, f64>,
 }
 
-/// Gives "nothing is missing" the probability of something else, except the least one, where that makes no material
-/// gap.
-pub(crate) fn of_immaterial(weighted: &mut Vec<Weighted>, settings: &JudgeSettings) {
-    let Some(unknown) = weighted.iter_mut().find(|explanation| explanation.unknown) else { return };
-    let moved = (unknown.probability - settings.least_unknown).max(0.0);
-    unknown.probability -= moved;
-    match weighted.iter_mut().find(|explanation| !explanation.unknown && explanation.effects.is_empty()) {
-        Some(nothing) => nothing.probability += moved,
-        None => weighted.push(Weighted { effects: Vec::new(), unknown: false, probability: moved, cost: None }),
+impl Default for Coefficients {
+    /// Returns the coefficients that change nothing.
+    fn default() -> Self {
+        Self { constant: 0.0, before: 1.0, basis: BTreeMap::new() }
     }
-    weighted.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+}
+
+impl Coefficients {
+    /// Returns the calibrated probability of a statement.
+    pub fn probability(&self, statement: &Statement) -> f64 {
+        let basis = self.basis.iter().map(|(name, factor)| factor * statement.basis.get(name).copied().unwrap_or(0.0));
+        probability(self.constant + self.before * log_odds(statement.before) + basis.sum::<f64>())
+    }
+
+    /// Returns a probability after a change by one quantity of the basis alone.
+    pub(crate) fn shifted(&self, before: f64, name: &str) -> f64 {
+        probability(log_odds(before) + self.basis.get(name).copied().unwrap_or(0.0))
+    }
+}
+
+/// A trial whose answers were used.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Learnt {
+    /// Its name.
+    pub name: String,
+    /// The seed with which it was drawn.
+    pub seed: u64,
+    /// Number of its cases.
+    pub cases: usize,
+    /// The commit of the program that answered.
+    pub commit: Option<String>,
+}
+
+/// The coefficients of all kinds of statements, and the trials to which they were fitted.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// The trials.
+    pub trials: Vec<Learnt>,
+    /// Of the first effect.
+    pub effect: Coefficients,
+    /// Of the first explanation.
+    pub explanation: Coefficients,
+    /// Of further effects.
+    pub further: Coefficients,
+    /// Of "nothing is missing".
+    pub nothing: Coefficients,
+    /// Of "something outside the vocabulary".
+    pub unknown: Coefficients,
+}
+
+impl Calibration {
+    /// Returns the calibration that the program uses.
+    pub fn used() -> &'static Self {
+        static CALIBRATION: OnceLock<Calibration> = OnceLock::new();
+        CALIBRATION.get_or_init(|| serde_json::from_str(USED).unwrap_or_default())
+    }
+
+    /// Returns the coefficients for a kind of statement.
+    pub fn of(&self, about: About) -> &Coefficients {
+        match about {
+            About::Effect => &self.effect,
+            About::Explanation => &self.explanation,
+            About::Further => &self.further,
+            About::Nothing => &self.nothing,
+            About::Unknown => &self.unknown,
+        }
+    }
+
+    /// Returns the calibrated probability of a statement.
+    pub fn probability(&self, statement: &Statement) -> f64 {
+        self.of(statement.about).probability(statement)
+    }
+}
+
+/// Returns the probability with these log-odds, at most [`MOST_LOG_ODDS`].
+fn probability(log_odds: f64) -> f64 {
+    1.0 / (1.0 + (-log_odds.clamp(-MOST_LOG_ODDS, MOST_LOG_ODDS)).exp())
+}
+
+/// Returns the log-odds of a probability, at most [`MOST_LOG_ODDS`].
+pub fn log_odds(probability: f64) -> f64 {
+    let odds = probability / (1.0 - probability);
+    odds.max(f64::MIN_POSITIVE).ln().clamp(-MOST_LOG_ODDS, MOST_LOG_ODDS)
 }
 
 #[cfg(test)]
@@ -33,28 +122,33 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_unknown_gap_has_the_probability_of_such_answers() {
-        let settings = JudgeSettings::default();
-        let weighted = |probability: f64, unknown: bool| Weighted { effects: vec![], unknown, probability, cost: None };
-        let mut all = [weighted(0.6, true), weighted(0.3, false), weighted(0.1, false)];
-        of_unknown(&mut all, &settings);
-        assert!((all[0].probability - settings.unknown_right).abs() < 1e-12);
-        assert!((all[1].probability / all[2].probability - 3.0).abs() < 1e-12);
-        assert!((all.iter().map(|one| one.probability).sum::<f64>() - 1.0).abs() < 1e-12);
-        // What is more probable stays so.
-        let mut sure = [weighted(0.98, true), weighted(0.02, false)];
-        of_unknown(&mut sure, &settings);
-        assert!((sure[0].probability - 0.98).abs() < 1e-12);
+    fn the_calibration_of_the_program_is_read() {
+        let read: Calibration = serde_json::from_str(USED).unwrap();
+        assert!(!read.trials.is_empty());
+        assert_eq!(*Calibration::used(), read);
     }
 
+    /// Without coefficients a statement keeps its probability, as far as log-odds are bounded.
     #[test]
-    fn an_immaterial_gap_is_nothing() {
-        let settings = JudgeSettings::default();
-        let weighted = |probability: f64, unknown: bool| Weighted { effects: vec![], unknown, probability, cost: None };
-        for mut all in [vec![weighted(0.6, true), weighted(0.4, false)], vec![weighted(1.0, true)]] {
-            of_immaterial(&mut all, &settings);
-            assert!(!all[0].unknown && (all[0].probability - 1.0 + settings.least_unknown).abs() < 1e-12);
-            assert!((all.iter().map(|one| one.probability).sum::<f64>() - 1.0).abs() < 1e-12);
+    fn coefficients_of_nothing_change_nothing() {
+        let statement = |before: f64| Statement { about: About::Effect, before, basis: BTreeMap::new() };
+        for before in [0.01, 0.3, 0.98] {
+            assert!((Coefficients::default().probability(&statement(before)) - before).abs() < 1e-12);
         }
+        let most = 1.0 / (1.0 + (-MOST_LOG_ODDS).exp());
+        assert!((Coefficients::default().probability(&statement(1.0)) - most).abs() < 1e-12);
+    }
+
+    /// Log-odds are added: 0.5 has none, and ln 3 makes it 3 : 1.
+    #[test]
+    fn a_basis_shifts_the_log_odds() {
+        let basis = BTreeMap::from([("faint".to_owned(), 0.5), ("not listed".to_owned(), 9.0)]);
+        let statement = Statement { about: About::Effect, before: 0.5, basis };
+        let coefficients = Coefficients {
+            basis: BTreeMap::from([("faint".to_owned(), 2.0 * 3.0_f64.ln())]),
+            ..Coefficients::default()
+        };
+        assert!((coefficients.probability(&statement) - 0.75).abs() < 1e-12);
+        assert!((coefficients.shifted(0.5, "faint") - 0.9).abs() < 1e-12);
     }
 }

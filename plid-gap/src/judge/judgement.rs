@@ -5,7 +5,6 @@ use crate::case::CaseConfig;
 use crate::case::levels::loudest;
 use crate::effects::Action;
 use crate::fit::refit::clipped;
-use crate::judge::calibration::{of_immaterial, of_unknown};
 use crate::judge::crossed::are_like;
 use crate::judge::explained::Explained;
 use crate::judge::family::with_kin;
@@ -19,6 +18,7 @@ use crate::judge::verdict::{Verdict, Weighted, outside, weigh};
 use crate::plant::Plant;
 use crate::search::rules::Rules;
 use crate::search::stochastic::Stochastic;
+use crate::settings::JudgeSettings;
 use crate::settings::step::Step;
 
 /// A judged explanation.
@@ -83,18 +83,14 @@ impl<'j, 'a> Judgement<'j, 'a> {
         }
         let squared_gaps: Vec<f64> = shown.iter().map(|u| squared_gap(explained, u)).collect();
         let verdict = verdict(explained, &weighted, &squared_gaps, &gaps, config.material);
-        let settings = &problem.settings.judge;
         if verdict == Verdict::None && weighted.first().is_some_and(|top| top.unknown) {
-            of_immaterial(&mut weighted, settings);
+            put_nothing_first(&mut weighted, &problem.settings.judge);
         }
         let of = |is: &dyn Fn(&Weighted) -> bool| weighted.iter().filter(|w| is(w)).map(|w| w.probability).sum();
         let before = match verdict {
             Verdict::None => of(&|w| !w.unknown && w.effects.is_empty()),
             _ => of(&|w| w.unknown),
         };
-        if verdict == Verdict::Unknown {
-            of_unknown(&mut weighted, settings);
-        }
         Self {
             plant,
             actions,
@@ -137,6 +133,19 @@ fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, materia
     }
 }
 
+/// Gives "nothing is missing" the probability of something else, except the least one, where that makes no material
+/// gap.
+fn put_nothing_first(weighted: &mut Vec<Weighted>, settings: &JudgeSettings) {
+    let Some(unknown) = weighted.iter_mut().find(|explanation| explanation.unknown) else { return };
+    let moved = (unknown.probability - settings.least_unknown).max(0.0);
+    unknown.probability -= moved;
+    match weighted.iter_mut().find(|explanation| !explanation.unknown && explanation.effects.is_empty()) {
+        Some(nothing) => nothing.probability += moved,
+        None => weighted.push(Weighted { effects: Vec::new(), unknown: false, probability: moved, cost: None }),
+    }
+    weighted.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+}
+
 /// Returns whether the first explanation with effects, together with those that differ from it only by other members of
 /// the same families, is more probable than this.
 fn kin_is_more_probable(weighted: &[Weighted], probability: f64) -> bool {
@@ -159,5 +168,21 @@ fn verdict(explained: &Explained, weighted: &[Weighted], squared_gaps: &[f64], g
         Some(_) if squared_gaps.is_empty() && gaps.as_given < material => Verdict::None,
         Some(_) => Verdict::Effects,
         None => Verdict::Unknown,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_immaterial_gap_is_nothing() {
+        let settings = JudgeSettings::default();
+        let weighted = |probability: f64, unknown: bool| Weighted { effects: vec![], unknown, probability, cost: None };
+        for mut all in [vec![weighted(0.6, true), weighted(0.4, false)], vec![weighted(1.0, true)]] {
+            put_nothing_first(&mut all, &settings);
+            assert!(!all[0].unknown && (all[0].probability - 1.0 + settings.least_unknown).abs() < 1e-12);
+            assert!((all.iter().map(|one| one.probability).sum::<f64>() - 1.0).abs() < 1e-12);
+        }
     }
 }

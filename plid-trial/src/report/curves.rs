@@ -158,6 +158,11 @@ pub(crate) fn reliability(scores: &Scores) -> Option<String> {
     (!all.is_empty()).then(|| diagram(&all, "stated probability of the first explanation, %"))
 }
 
+/// Returns the reliability diagram of probabilities before and after calibration.
+pub(crate) fn before_and_after(before: &Calibration, after: &Calibration) -> String {
+    diagram(&[("before", before, COLOURS[1]), ("after calibration", after, COLOURS[0])], "stated probability, %")
+}
+
 fn figures(calibration: &Calibration) -> String {
     let text = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.3}"));
     format!("Brier score {}, expected calibration error {}", text(calibration.brier), text(calibration.expected_error))

@@ -6,7 +6,7 @@ mod curves;
 mod main_cause;
 mod tables;
 
-pub(crate) use curves::{power, reliability};
+pub(crate) use curves::{before_and_after, power, reliability};
 
 use plid_data::config::to_toml;
 use plid_report::{Cell, Report};

@@ -6,11 +6,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use plid_gap::Step;
+use plid_gap::calibration::Calibration;
 use plid_gap::effects::Library;
 use plid_trial::ablation::diagnose_without_with;
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{
-    Answer, Extent, Options, Shard, TrialConfig, TrialError, diagnose_with, draw, merge, score, score_without,
+    Answer, Extent, Opened, Options, Shard, TrialConfig, TrialError, calibrate, diagnose_with, draw, merge, score,
+    score_without,
 };
 use plid_work::{Progress, Silent};
 use tempfile::TempDir;
@@ -78,6 +80,7 @@ fn made_up(folder: &Path, without: &[String]) -> Result<Answer, String> {
         "candidates": [{ "effects": named, "probability": 0.9 }, { "effects": [], "unknown": true,
             "probability": 0.1 }],
         "gap": { "predicted_held_out_gap": 0.02 },
+        "statements": [{ "about": "effect", "before": 0.95, "basis": { "imperfect": 0.0 } }],
     });
     let baselines = serde_json::json!({ "ranking": { "verdict": "none" }, "fitted": null });
     let bytes = |value: &serde_json::Value| value.to_string().into_bytes();
@@ -457,4 +460,27 @@ fn a_second_answer_is_asked_what_it_cannot_know() {
     assert_eq!(first["truth"], second["truth"]);
     let answered = first["failed"].is_null();
     assert_eq!(second["judged"][0]["open"], answered);
+}
+
+/// Each of the three answers names an effect with 0.95, and not all of them are right.
+#[test]
+fn a_calibration_is_learnt_from_one_trial_and_checked_on_another() {
+    let trials = [11, 12].map(Trial::drawn);
+    trials.iter().for_each(|trial| trial.diagnose(None, 1));
+    let opened = |trial: &Trial| vec![Opened { trial: trial.t(), sealed: trial.s() }];
+    let out = trials[0].directory.path().join("calibration");
+    let calibrated = calibrate(&opened(&trials[0]), &opened(&trials[1]), &out).unwrap();
+
+    let written: Calibration = serde_json::from_value(read(&out.join("calibration.json"))).unwrap();
+    assert_eq!(written, calibrated.calibration);
+    assert_eq!((written.trials[0].name.as_str(), written.trials[0].seed, written.trials[0].cases), ("made up", 11, 5));
+    assert_eq!(calibrated.checked_on[0].seed, 12);
+    // Three of the five cases are answered; the other two failed.
+    let [all, effect, explanation] = calibrated.checked.as_slice() else { panic!("{:?}", calibrated.checked) };
+    assert_eq!((all.right.of, effect.right.of, explanation.right.of), (6, 3, 3));
+    let stated = |calibration: &plid_trial::statistics::Calibration| calibration.bins[0].stated;
+    assert!((stated(&effect.before) - 0.95).abs() < 1e-12 && stated(&effect.after) < 0.9, "{:?}", effect.after);
+    assert!(fs::read_to_string(out.join("reliability.svg")).unwrap().contains("after calibration"));
+    // The answers are fixed before the seals are opened.
+    assert!(trials[1].s().join("answers.json").exists());
 }

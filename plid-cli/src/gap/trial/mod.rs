@@ -1,6 +1,7 @@
 //! `plid gap trial`: is the diagnosis right on cases whose effect is withheld from it?
 
 mod ablate;
+mod calibrate;
 mod diagnose;
 mod draw;
 mod merge;
@@ -45,6 +46,7 @@ enum Step {
     Score(score::Arguments),
     Run(run::Arguments),
     Ablate(ablate::Arguments),
+    Calibrate(calibrate::Arguments),
 }
 
 /// A trial with its answers, and the withheld files.
@@ -85,6 +87,7 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
         Step::Score(arguments) => score::execute(&arguments, library, voice),
         Step::Run(arguments) => run::execute(&arguments, library, voice),
         Step::Ablate(arguments) => ablate::execute(&arguments, library, voice),
+        Step::Calibrate(arguments) => calibrate::execute(&arguments, voice),
     }
 }
 

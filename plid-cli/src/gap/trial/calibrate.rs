@@ -1,0 +1,73 @@
+use std::path::PathBuf;
+
+use plid_trial::calibrate::Agreement;
+use plid_trial::{Calibrated, Opened, calibrate};
+
+use super::{Failure, Voice, voice};
+
+/// Fit the calibration of stated probabilities to trials, and check it on others.
+///
+/// Each answer records what its probabilities rest on. A logistic regression finds how often such statements were
+/// right. Writes calibration.json (for plid-gap/src/judge), agreement.json and reliability.svg. The trials must not be
+/// those on which results are reported.
+#[derive(clap::Args)]
+#[command(
+    after_help = concat!(
+        "Example, with trials that `plid gap trial diagnose` has answered:\n",
+        "  plid gap trial calibrate --fit T1 S1 --fit T2 S2 --check T3 S3 --out out/calibration\n",
+        "then open out/calibration/reliability.svg",
+    )
+)]
+pub struct Arguments {
+    /// A trial and its sealed folder to which the calibration is fitted.
+    #[arg(long, num_args = 2, value_names = ["T", "S"], required = true)]
+    fit: Vec<PathBuf>,
+    /// A trial and its sealed folder on which the calibration is checked.
+    #[arg(long, num_args = 2, value_names = ["T", "S"])]
+    check: Vec<PathBuf>,
+    /// Folder for the results.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+/// Runs the command.
+pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
+    let pairs = |paths: &[PathBuf]| -> Vec<Opened> {
+        paths.chunks_exact(2).map(|pair| Opened { trial: pair[0].clone(), sealed: pair[1].clone() }).collect()
+    };
+    let calibrated = calibrate(&pairs(&arguments.fit), &pairs(&arguments.check), &arguments.out)?;
+    if voice.json {
+        return voice::print(&format!("{:#}\n", serde_json::json!(calibrated)));
+    }
+    if voice.quiet {
+        return Ok(());
+    }
+    voice::print(&format!("{}results: {}\n", summary(&calibrated), arguments.out.display()))
+}
+
+fn summary(calibrated: &Calibrated) -> String {
+    let mut text = String::from("trials that were fitted, by cross-validation:\n");
+    text.extend(calibrated.crossed.iter().map(line));
+    if !calibrated.checked.is_empty() {
+        text += "trials that were checked:\n";
+        text.extend(calibrated.checked.iter().map(line));
+    }
+    text
+}
+
+/// Returns a line of text: how many statements were right, and the expected calibration error and the Brier score
+/// before and after.
+fn line(agreement: &Agreement) -> String {
+    let about = agreement.about.map_or("all", |about| about.name());
+    let Agreement { right, before, after, .. } = agreement;
+    let figure = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.3}"));
+    format!(
+        "  {about:<8} {:>4} of {:>4} right   calibration error {} -> {}   Brier score {} -> {}\n",
+        right.hits,
+        right.of,
+        figure(before.expected_error),
+        figure(after.expected_error),
+        figure(before.brier),
+        figure(after.brier),
+    )
+}

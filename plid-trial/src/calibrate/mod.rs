@@ -1,0 +1,131 @@
+//! The calibration of stated probabilities: it is fitted to the outcomes of some trials and checked on others.
+
+mod outcomes;
+mod regression;
+
+use std::path::{Path, PathBuf};
+
+use plid_gap::answer::schema::About;
+use plid_gap::calibration::{Calibration, Coefficients, Learnt};
+use serde::Serialize;
+
+use crate::error::TrialError;
+use crate::files;
+use crate::report;
+use crate::statistics::{self, Rate, calibration};
+use outcomes::{Outcome, outcomes};
+
+/// The kinds of statements.
+const KINDS: [About; 5] = [About::Effect, About::Explanation, About::Further, About::Nothing, About::Unknown];
+
+/// Number of parts of the cases in cross-validation. Each is predicted by coefficients that were fitted to the others.
+const PARTS: usize = 10;
+
+/// A trial with its answers, and its sealed folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Opened {
+    /// The folder of the cases and the answers.
+    pub trial: PathBuf,
+    /// The sealed folder.
+    pub sealed: PathBuf,
+}
+
+/// How well probabilities of one kind agree with outcomes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Agreement {
+    /// The kind of statement; `None` for all kinds.
+    pub about: Option<About>,
+    /// How often the statements were right.
+    pub right: Rate,
+    /// The calibration of the probabilities as they were before.
+    pub before: statistics::Calibration,
+    /// The calibration of the calibrated probabilities.
+    pub after: statistics::Calibration,
+}
+
+/// The result of a calibration.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Calibrated {
+    /// The coefficients.
+    pub calibration: Calibration,
+    /// Agreement on the trials that were fitted, each part of their cases with coefficients from the other parts.
+    pub crossed: Vec<Agreement>,
+    /// The trials on which the coefficients were checked.
+    pub checked_on: Vec<Learnt>,
+    /// Agreement on these trials.
+    pub checked: Vec<Agreement>,
+}
+
+/// Fits the calibration to trials, checks it on others, and writes calibration.json, agreement.json and
+/// reliability.svg into `out`.
+///
+/// # Errors
+/// Returns the errors of [`crate::score()`].
+pub fn calibrate(fitted: &[Opened], checked: &[Opened], out: &Path) -> Result<Calibrated, TrialError> {
+    let (trials, of_fitted) = all(fitted)?;
+    let (checked_on, of_checked) = all(checked)?;
+    let coefficients = |outcomes: &[&Outcome]| {
+        let of = |about: About| {
+            let these: Vec<&Outcome> = outcomes.iter().copied().filter(|one| one.statement.about == about).collect();
+            regression::fit(&these, basis(about))
+        };
+        let [effect, explanation, further, nothing, unknown]: [Coefficients; 5] = KINDS.map(of);
+        Calibration { trials: trials.clone(), effect, explanation, further, nothing, unknown }
+    };
+    let calibration = coefficients(&of_fitted.iter().collect::<Vec<_>>());
+    let mut cases: Vec<&String> = of_fitted.iter().map(|outcome| &outcome.case).collect();
+    cases.dedup();
+    let part = |outcome: &Outcome| cases.iter().position(|case| **case == outcome.case).unwrap_or(0) % PARTS;
+    let parts: Vec<Calibration> = (0..PARTS)
+        .map(|which| coefficients(&of_fitted.iter().filter(|one| part(one) != which).collect::<Vec<_>>()))
+        .collect();
+    let crossed = agreements(&of_fitted, &|outcome| parts[part(outcome)].probability(&outcome.statement));
+    let checked = agreements(&of_checked, &|outcome| calibration.probability(&outcome.statement));
+    let calibrated = Calibrated { calibration, crossed, checked_on, checked };
+    files::make(out)?;
+    files::write_json(&out.join("calibration.json"), &calibrated.calibration)?;
+    files::write_json(&out.join("agreement.json"), &calibrated)?;
+    let shown = if of_checked.is_empty() { &calibrated.crossed } else { &calibrated.checked };
+    if let Some(shown) = shown.first() {
+        files::write(&out.join("reliability.svg"), report::before_and_after(&shown.before, &shown.after).as_bytes())?;
+    }
+    Ok(calibrated)
+}
+
+/// Returns what counts for a kind of statement, beside its probability before calibration. More quantities than the
+/// outcomes can determine would follow their chance.
+fn basis(about: About) -> &'static [&'static str] {
+    match about {
+        About::Effect | About::Explanation => &["imperfect", "faint", "at-limit"],
+        About::Further | About::Nothing => &["imperfect"],
+        About::Unknown => &[],
+    }
+}
+
+/// Returns the outcomes of several trials. Their cases have different names.
+fn all(opened: &[Opened]) -> Result<(Vec<Learnt>, Vec<Outcome>), TrialError> {
+    let (mut trials, mut all) = (Vec::new(), Vec::new());
+    for Opened { trial, sealed } in opened {
+        let (learnt, outcomes) = outcomes(trial, sealed)?;
+        all.extend(outcomes.into_iter().map(|one| Outcome { case: format!("{} {}", learnt.seed, one.case), ..one }));
+        trials.push(learnt);
+    }
+    Ok((trials, all))
+}
+
+/// Returns the agreement of all statements, and of those of each kind.
+fn agreements(outcomes: &[Outcome], probability: &dyn Fn(&Outcome) -> f64) -> Vec<Agreement> {
+    let of = |about: Option<About>| {
+        let these: Vec<&Outcome> =
+            outcomes.iter().filter(|one| about.is_none_or(|about| one.statement.about == about)).collect();
+        let stated =
+            |p: &dyn Fn(&Outcome) -> f64| calibration(&these.iter().map(|one| (p(one), one.right)).collect::<Vec<_>>());
+        (!these.is_empty()).then(|| Agreement {
+            about,
+            right: Rate::of(these.iter().map(|one| one.right)),
+            before: stated(&|one| one.statement.before.clamp(0.0, 1.0)),
+            after: stated(probability),
+        })
+    };
+    std::iter::once(None).chain(KINDS.map(Some)).filter_map(of).collect()
+}
