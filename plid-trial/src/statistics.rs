@@ -118,6 +118,18 @@ pub fn calibration(statements: &[(f64, bool)]) -> Calibration {
     Calibration { of, brier, expected_error, bins }
 }
 
+/// Returns the expected calibration error that chance alone gives as many statements with exactly right probabilities,
+/// with the number of true ones in each bin taken as normal; `None` without statements.
+pub fn error_by_chance(stated: &[f64]) -> Option<f64> {
+    let variances = stated.iter().fold([0.0; BINS], |mut variances, p| {
+        variances[((p * BINS as f64) as usize).min(BINS - 1)] += p * (1.0 - p);
+        variances
+    });
+    // The mean distance of a normal variable from its mean is the root of 2 / pi standard deviations.
+    let distances: f64 = variances.iter().map(|variance| (variance * std::f64::consts::FRAC_2_PI).sqrt()).sum();
+    (!stated.is_empty()).then(|| distances / stated.len() as f64)
+}
+
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;
@@ -175,6 +187,16 @@ mod tests {
         // or none.
         assert_relative_eq!(low, 0.20692 - 0.27932, epsilon = 1e-4);
         assert!(0.4 < high && high < 0.8, "{high}");
+    }
+
+    /// Of n statements with the probability 1/2, the share of true ones has the standard deviation 1 / (2 root n), and
+    /// certain ones have none.
+    #[test]
+    fn chance_alone_makes_an_error() {
+        let half = error_by_chance(&[0.5; 100]).unwrap();
+        assert_relative_eq!(half, (2.0 / std::f64::consts::PI).sqrt() / 20.0, epsilon = 1e-12);
+        assert_eq!(error_by_chance(&[1.0; 10]), Some(0.0));
+        assert_eq!(error_by_chance(&[]), None);
     }
 
     #[test]

@@ -32,7 +32,7 @@ pub struct Share {
 ///
 /// Two laws at one place may be one law of another shape. Either of them then replaces most of the other, and neither
 /// closes much beside it. The one that the search found first explains most alone, and its share is that of both
-/// together.
+/// together. A linear one does not lead: what it leaves beside a nonlinear law shows that the law is nonlinear.
 pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share> {
     let problem = &explained.ready.problem;
     let fit = explained.fit();
@@ -77,13 +77,14 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
         let sum: f64 = group.iter().map(|&which| shares[which].closed).sum();
         let together = of(&group);
         if together.closed > problem.settings.judge.replaceable * sum {
-            shares[group[0]] = together;
+            let first = group.iter().copied().find(|&which| !named[which].effect.is_linear());
+            shares[first.unwrap_or(group[0])] = together;
         }
     }
     shares
 }
 
-/// Returns the numbers of the effects that are of one side of the signal path and at one place, where there are several.
+/// Returns the numbers of the effects of one side of the signal path that are at one place, where there are several.
 fn groups(effects: &[Placed]) -> Vec<Vec<usize>> {
     let alike = |a: &Placed, b: &Placed| a.place == b.place && a.effect.side() == b.effect.side();
     let group = |first: usize| -> Vec<usize> {

@@ -75,7 +75,9 @@ fn family(effect: &NamedEffect) -> String {
 
 fn explanations(report: Report, outcome: &Outcome, case: &Case) -> Report {
     let diagnosis = &outcome.diagnosis;
-    let mut table = Table::new("All explanations that the data leave open, with their probabilities.")
+    let caption = "All explanations that the data leave open. Their probabilities follow how often such answers were \
+        right in blind trials.";
+    let mut table = Table::new(caption)
         .column("explanation", "")
         .column("probability", "%")
         .column("gap with it", "%")

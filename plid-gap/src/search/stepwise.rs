@@ -92,7 +92,7 @@ pub(super) fn search<'a>(
     let mut overlap = None;
     // One effect may imitate two others better than each of these does alone.
     let mut runners_up: Vec<Fit> = Vec::new();
-    let (mut best, mut gains) = begun(problem, refit, below, &price, &mut candidates, say);
+    let (mut best, mut gains) = begun([problem, quick], refit, below, &price, &mut candidates, say);
     for stage in best.effects.len()..settings.most_effects {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.admits(placed);
         let counts = [settings.fitted, settings.polished];
@@ -149,7 +149,7 @@ pub(super) fn search<'a>(
 /// Returns the explanation with which a search begins, and what each of its effects gained when it was added: no
 /// effect, a linear cause, or what was found in weaker records.
 fn begun<'a>(
-    problem: &Problem,
+    [problem, quick]: [&Problem; 2],
     refit: &Refit,
     below: Option<Fit<'a>>,
     price: &Price<'_, 'a>,
@@ -158,6 +158,9 @@ fn begun<'a>(
 ) -> (Fit<'a>, Vec<f64>) {
     let (mut best, mut gains) = (refit.as_fit(), Vec::new());
     if let Some(top) = start(problem, refit, price, candidates, say) {
+        if let Some(law) = in_its_place([problem, quick], refit, &top, price, candidates, say) {
+            return (law.clone(), vec![price.of(&best) - price.of(&law)]);
+        }
         best = top;
         // What speaks for it is how it changes the linear parameters, which the gains of other effects do not show.
         gains.push(f64::INFINITY);
@@ -216,6 +219,37 @@ fn start<'a>(
     let words = in_words(&top.effects, &problem.setting.names);
     say(format!("{words} explains changes that the refit has spread over many parameters ({gain:.0})"));
     Some(top)
+}
+
+/// Returns the best fit with a nonlinear law at the place of a linear cause inside the structure, if it explains more:
+/// a damper accounts for most of what a refit has made of friction.
+fn in_its_place<'a>(
+    [problem, quick]: [&Problem; 2],
+    refit: &Refit,
+    cause: &Fit<'a>,
+    price: &Price<'_, 'a>,
+    candidates: &mut Vec<Candidate<'a>>,
+    say: &mut dyn FnMut(String),
+) -> Option<Fit<'a>> {
+    let [cause_of] = cause.effects.as_slice() else { return None };
+    if cause_of.effect.side() != Side::Structure {
+        return None;
+    }
+    let is_law = |placed: &Placed| {
+        placed.place == cause_of.place && placed.effect.side() == Side::Structure && !placed.effect.is_linear()
+    };
+    let left_out = |placed: &Placed| !is_law(placed) || !price.scope.admits(placed);
+    let counts = [price.scope.settings.fitted, price.scope.settings.polished];
+    let bare = refit.as_fit();
+    let (_, fits) = SearchStage::new(problem, quick, &bare, None, &left_out, price, counts)
+        .without(problem, quick, &left_out, price);
+    candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
+    let law = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)))?;
+    if price.of(&law) >= price.of(cause) {
+        return None;
+    }
+    say(format!("{} explains more in its place", in_words(&law.effects, &problem.setting.names)));
+    Some(law)
 }
 
 /// Returns the entries and fits of a stage. If the best of them adds a change over time that does not change within the

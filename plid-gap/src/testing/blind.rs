@@ -148,9 +148,9 @@ fn a_mode_that_is_far_off_is_one_change_and_not_two_missing_modes() {
     assert_eq!(found.effects[0].effect, "modal-frequency");
     let delta = found.effects[0].parameters["delta"].value;
     assert!((delta + 0.15).abs() < 1e-3, "{delta}");
-    // The named effect is the first explanation, with the same probability.
+    // The named effect is the first explanation. It may be at work together with something else.
     assert_eq!(found.candidates[0].effects[0].location, found.effects[0].location);
-    assert!((found.effects[0].confidence - found.candidates[0].probability).abs() < 1e-9);
+    assert!(found.effects[0].confidence >= found.candidates[0].probability, "{:?}", found.candidates);
 }
 
 /// A gap of a tenth of the noise shows that a spring stiffens, but not how. It is named only if so small a gap matters.

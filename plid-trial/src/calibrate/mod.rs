@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::error::TrialError;
 use crate::files;
 use crate::report;
-use crate::statistics::{self, Rate, calibration};
+use crate::statistics::{self, Rate, calibration, error_by_chance};
 use outcomes::{Outcome, outcomes};
 
 /// The kinds of statements.
@@ -41,6 +41,8 @@ pub struct Agreement {
     pub before: statistics::Calibration,
     /// The calibration of the calibrated probabilities.
     pub after: statistics::Calibration,
+    /// The expected calibration error that chance alone would give them.
+    pub by_chance: Option<f64>,
 }
 
 /// The result of a calibration.
@@ -125,6 +127,7 @@ fn agreements(outcomes: &[Outcome], probability: &dyn Fn(&Outcome) -> f64) -> Ve
             right: Rate::of(these.iter().map(|one| one.right)),
             before: stated(&|one| one.statement.before.clamp(0.0, 1.0)),
             after: stated(probability),
+            by_chance: error_by_chance(&these.iter().map(|one| probability(one)).collect::<Vec<_>>()),
         })
     };
     std::iter::once(None).chain(KINDS.map(Some)).filter_map(of).collect()

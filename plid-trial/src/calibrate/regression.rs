@@ -5,8 +5,8 @@ use plid_gap::calibration::{Coefficients, log_odds};
 
 use super::outcomes::Outcome;
 
-/// Standard deviations of the prior of the constant, of the factor of the log-odds before calibration, and of the factors
-/// of the basis, whose quantities lie between zero and one.
+/// Standard deviations of the prior of the constant, of the factor of the log-odds before calibration, and of the
+/// factors of the basis, whose quantities lie between zero and one.
 const PRIOR: [f64; 3] = [1.0, 0.5, 3.0];
 
 /// Most steps of Newton's method. The posterior has one maximum.

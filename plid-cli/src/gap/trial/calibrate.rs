@@ -55,18 +55,20 @@ fn summary(calibrated: &Calibrated) -> String {
     text
 }
 
-/// Returns a line of text: how many statements were right, and the expected calibration error and the Brier score
-/// before and after.
+/// Returns a line of text: how many statements were right, the expected calibration error before and after and by
+/// chance alone, and the Brier score before and after.
 fn line(agreement: &Agreement) -> String {
     let about = agreement.about.map_or("all", |about| about.name());
-    let Agreement { right, before, after, .. } = agreement;
+    let Agreement { right, before, after, by_chance, .. } = agreement;
     let figure = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.3}"));
     format!(
-        "  {about:<8} {:>4} of {:>4} right   calibration error {} -> {}   Brier score {} -> {}\n",
+        "  {about:<11} {:>4} of {:>4} right   calibration error {} -> {} ({} by chance)   \
+        Brier score {} -> {}\n",
         right.hits,
         right.of,
         figure(before.expected_error),
         figure(after.expected_error),
+        figure(*by_chance),
         figure(before.brier),
         figure(after.brier),
     )
