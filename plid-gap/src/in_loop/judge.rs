@@ -7,7 +7,7 @@ use crate::fit::problem::Placed;
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::search::{Found, Search};
 use crate::judge::calibration::Calibration;
-use crate::judge::statement::AT_LIMIT;
+use crate::judge::statement::{AT_LIMIT, are_at_limit};
 use crate::judge::verdict::{Verdict, Weighted, outside};
 use crate::settings::JudgeSettings;
 
@@ -109,8 +109,11 @@ pub(super) fn judge<'a>(
         (false, true) => settings.most_unknown,
         (false, false) => settings.least_unknown,
     };
-    let at_limit = best.effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some());
-    let unknown = if at_limit { 1.0 - Calibration::used().effect.shifted(1.0 - unknown, AT_LIMIT) } else { unknown };
+    let unknown = if are_at_limit(&best.effects) {
+        1.0 - Calibration::used().effect.shifted(1.0 - unknown, AT_LIMIT)
+    } else {
+        unknown
+    };
     let mut weighted: Vec<Weighted> = Vec::new();
     let mut not_separable = Vec::new();
     for (at, fit) in found.fits.iter().enumerate() {

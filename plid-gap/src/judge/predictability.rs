@@ -93,8 +93,7 @@ impl Unpredicted {
         (at_most < settings.noise_predicted).then(|| Self { at_most, rms: (0..problem.plant.p).map(left).collect() })
     }
 
-    /// Returns the least probability of something else: the more the inputs may
-    /// predict, the more it is.
+    /// Returns the least probability of something else. It rises with the share that the inputs may predict.
     pub fn unknown(&self, settings: &JudgeSettings) -> f64 {
         let JudgeSettings { least_unknown, most_unknown, noise_predicted, .. } = *settings;
         let doubt = self.at_most / (self.at_most + noise_predicted);

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::fit::problem::Placed;
 use crate::judge::explained::Explained;
 use crate::settings::JudgeSettings;
 
@@ -59,14 +60,18 @@ pub(crate) fn basis(explained: &Explained) -> BTreeMap<String, f64> {
     let (fit, settings) = (explained.fit(), &ready.problem.settings.judge);
     let is = |so: bool| f64::from(u8::from(so));
     let effects = &found.best.effects;
-    let at_limit = effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some());
     let explains = (refitted.cost.max(explained.given_cost) - fit.cost) / fit.cost;
     let basis = [
         ("imperfect", is(ready.widened.is_some())),
         ("faint", if effects.is_empty() { 0.0 } else { faint(explains, settings) }),
-        (AT_LIMIT, is(at_limit)),
+        (AT_LIMIT, is(are_at_limit(effects))),
     ];
     basis.map(|(name, value)| (name.to_owned(), value)).into()
+}
+
+/// Returns whether a parameter of an effect is at the limit of what the effect's name means.
+pub(crate) fn are_at_limit(effects: &[Placed]) -> bool {
+    effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some())
 }
 
 /// Returns how small the power that effects explain is beside that of the noise: one for nothing, and one half at

@@ -86,7 +86,7 @@ group! {
         /// tenth in amplitude. Smaller shares belong to the many small errors of every simulation.
         least_share: f64 = 0.01, "1", 0.0..=1.0;
         /// Squared gap that effects at one place close together, over the sum of what each closes beside the others,
-        /// from which they count as one law of another shape, under the name of the one that was found first.
+        /// from which they count as one law of another shape, under the name of the first nonlinear one.
         replaceable: f64 = 2.0, "1", 1.0..=1e6;
         /// Least confidence in an effect other than the largest to be named where the simulation is imperfect as a
         /// whole: it is more likely than not at work. Of 23 smaller effects that answers for 29 imperfect truths named,
