@@ -6,8 +6,9 @@
 //!     [--seeds 40] [--first 1] [--length 1.0] [--jobs 1] [--out FOLDER]
 //! ```
 //!
-//! There is one case for each effect and seed, with a gap of 5 to 15 %, ports and all six records. `all` stands for
-//! every effect of the vocabulary. Effects that the limits of the simulation allow (of frequencies, damping ratios,
+//! There is one case for each effect and seed, with a gap of 5 to 15 %, ports and all six records. The plant is the
+//! truss, or where the effect makes no sense on it, another plant that takes it, by turns. `all` stands for every effect
+//! of the vocabulary. Effects that the limits of the simulation allow (of frequencies, damping ratios,
 //! gains) are drawn beyond these limits, with a larger gap. With `--out`, each finished case is written to a file in
 //! FOLDER, and the same command continues after an interruption. Without arguments, it is a trial of seconds: one
 //! effect, one seed and short records.
@@ -22,11 +23,11 @@ use std::time::Instant;
 
 use clap::Parser;
 use plid::gap::answer::predict::Predictor;
-use plid::gap::answer::schema::Value;
+use plid::gap::answer::schema::{Explanation, Value};
 use plid::gap::case::{Case, columns};
 use plid::gap::effects::Library;
 use plid::model::to_json;
-use plid::testbed::gap::{EffectSpec, GapCase, GapError, GapSpec, LabelledEffect, draw};
+use plid::testbed::gap::{EffectSpec, GapCase, GapError, GapSpec, LabelledEffect, PlantKind, draw};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -74,6 +75,8 @@ struct Found {
     named: Vec<(String, String)>,
     /// Whether the first named effect is the true one at its location.
     located: bool,
+    /// Whether it is the first effect at its location of an explanation in the 95 % set.
+    in_set: bool,
     /// The true and the stated value of each parameter, if the effect was found.
     parameters: BTreeMap<String, (f64, Option<Value>)>,
     /// Whether all true values lie in their intervals; `None` if one has no interval.
@@ -150,7 +153,18 @@ fn spec(effect: &str, seed: u64, length: f64) -> GapSpec {
     let share: f64 = ChaCha8Rng::seed_from_u64(seed).random();
     let gap = GAPS[0] * (GAPS[1] / GAPS[0]).powf(share);
     let effects = vec![EffectSpec { kind: effect.to_owned(), at: None, law: None, gap }];
-    GapSpec { effects, perturbed: seed % 2 == 1, ports: true, length, ..GapSpec::default() }
+    let plant = plant(effect, seed);
+    let (channels, perturbed) = (plant.channels(), seed % 2 == 1);
+    GapSpec { effects, perturbed, ports: true, length, plant, channels, ..GapSpec::default() }
+}
+
+/// Returns the plant of a case: the truss if the effect makes sense on it, otherwise one of those that take it.
+fn plant(effect: &str, seed: u64) -> PlantKind {
+    if PlantKind::Truss.takes(effect) {
+        return PlantKind::Truss;
+    }
+    let takers: Vec<PlantKind> = PlantKind::ALL.into_iter().filter(|plant| plant.takes(effect)).collect();
+    takers.get(seed as usize % takers.len().max(1)).copied().unwrap_or_default()
 }
 
 fn plant_and_find(effect: &str, seed: u64, spec: GapSpec) -> Result<Found, Box<dyn Error>> {
@@ -162,6 +176,7 @@ fn plant_and_find(effect: &str, seed: u64, spec: GapSpec) -> Result<Found, Box<d
         undrawn: None,
         named: Vec::new(),
         located: false,
+        in_set: false,
         parameters: BTreeMap::new(),
         covered: None,
         shrink: None,
@@ -189,6 +204,7 @@ fn plant_and_find(effect: &str, seed: u64, spec: GapSpec) -> Result<Found, Box<d
         let each: Option<Vec<bool>> = found.parameters.iter().map(|(name, pair)| covers(name, pair)).collect();
         found.covered = each.map(|each| each.into_iter().all(|is_in| is_in));
     }
+    found.in_set = in_set(truth, &outcome.diagnosis.candidates);
     found.shrink = shrink(&drawn, &answer)?;
     found.seconds = clock.elapsed().as_secs_f64();
     Ok(found)
@@ -205,6 +221,16 @@ fn clear(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
         }
         spec.effects[0].gap *= STRONGER;
     }
+}
+
+/// Returns whether an effect is the first one of an explanation in the 95 % set.
+fn in_set(truth: &LabelledEffect, candidates: &[Explanation]) -> bool {
+    let mut before = 0.0;
+    candidates.iter().any(|candidate| {
+        let is_in = before < 0.95;
+        before += candidate.probability;
+        is_in && candidate.effects.first().is_some_and(|e| e.effect == truth.effect && truth.is_at(&e.location))
+    })
 }
 
 fn parameters(truth: &LabelledEffect, stated: &BTreeMap<String, Value>) -> BTreeMap<String, (f64, Option<Value>)> {
@@ -243,12 +269,15 @@ fn shrink(drawn: &GapCase, answer: &Path) -> Result<Option<f64>, Box<dyn Error>>
 }
 
 fn print_table(effects: &[String], found: &[Found]) {
-    println!("| effect | located | parameters in their intervals | median shrink | mean s | no case |");
-    println!("|---|---|---|---|---|---|");
+    println!(
+        "| effect | located | in the 95 % set | parameters in their intervals | median shrink | mean s | no case |"
+    );
+    println!("|---|---|---|---|---|---|---|");
     for effect in effects {
         let (cases, undrawn): (Vec<&Found>, Vec<&Found>) =
             found.iter().filter(|f| f.effect == *effect).partition(|f| f.undrawn.is_none());
         let located: Vec<&&Found> = cases.iter().filter(|f| f.located).collect();
+        let kept = cases.iter().filter(|f| f.in_set).count();
         let intervals: Vec<bool> = located.iter().filter_map(|f| f.covered).collect();
         let covered = intervals.iter().filter(|covered| **covered).count();
         let mut shrinks: Vec<f64> = located.iter().filter_map(|f| f.shrink).collect();
@@ -256,7 +285,7 @@ fn print_table(effects: &[String], found: &[Found]) {
         let median = shrinks.get(shrinks.len() / 2).map_or("-".to_owned(), |shrink| format!("{shrink:.3}"));
         let seconds = cases.iter().map(|f| f.seconds).sum::<f64>() / cases.len().max(1) as f64;
         println!(
-            "| {effect} | {} of {} | {covered} of {} | {median} | {seconds:.1} | {} |",
+            "| {effect} | {} of {} | {kept} | {covered} of {} | {median} | {seconds:.1} | {} |",
             located.len(),
             cases.len(),
             intervals.len(),
