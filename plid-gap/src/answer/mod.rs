@@ -250,7 +250,14 @@ fn fitted_in_place<'f, 'a>(
 }
 
 /// Returns the remainder of the best explanation: its size on the opened records, and its location on the fitted ones.
-pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Blocks, material: f64) -> Remainder {
+/// `repeats` is the share of its power that repeats.
+pub(crate) fn remainder(
+    explained: &Explained,
+    gap: &Gap,
+    (after, with): (&Map, &Blocks),
+    repeats: Option<f64>,
+    material: f64,
+) -> Remainder {
     let names = &explained.ready.problem.setting.names;
     let found = &explained.found;
     let floor = gap.noise_floor;
@@ -274,6 +281,7 @@ pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Bl
             0.0
         },
         further_cause: further(gap::how_often([with], |[with]| beyond(with) > material * material)),
+        repeats,
         place: RemainderPlace { channels: place.channels, bands_hz: place.bands_hz },
         nearest: more
             .take(MOST_NEAREST)

@@ -167,6 +167,10 @@ pub struct Remainder {
     pub share_of_gap: f64,
     /// Probability that the remainder beyond the noise exceeds what the case calls material.
     pub further_cause: f64,
+    /// Share of its power, noise included, that repeats in every period of the periodic records: a cause that the input
+    /// drives. `None` if no record shows two periods after the first one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub repeats: Option<f64>,
     /// Its location on the fitted records.
     #[serde(rename = "where", default)]
     pub place: RemainderPlace,

@@ -73,6 +73,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         let Judgement { gaps, held_out, simulated, shown, weighted, verdict, .. } = &self.judged;
         let (names, best) = (&ready.problem.setting.names, &found.best.effects);
         let [before, after] = &self.maps;
+        let material = self.audit.case.config.material;
         say("compared with its rivals".into());
         // If nothing is missing, there is nothing to distinguish.
         let predicted = (*verdict != Verdict::None).then(|| Predicted::new(&ready.problem, self.explained.fit()));
@@ -112,7 +113,7 @@ impl<'f, 'a> Finding<'f, 'a> {
                 shown,
                 (&ready.problem.settings.judge, &ready.problem.settings.answer),
             ),
-            remainder: remainder(self.explained, gaps, after, simulated, self.audit.case.config.material),
+            remainder: remainder(self.explained, gaps, (after, simulated), self.evidence.repeats, material),
             evidence,
             gap: gaps.clone(),
             settings: GapSettings::clone(&ready.problem.settings),

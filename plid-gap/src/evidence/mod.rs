@@ -1,6 +1,7 @@
 //! Evidence that does not enter the verdict, in the engineer's own terms.
 
 pub(crate) mod lines;
+pub(crate) mod repetition;
 pub(crate) mod resonances;
 pub(crate) mod tracks;
 pub(crate) mod trend;
@@ -23,6 +24,8 @@ pub struct Evidence {
     pub resonances: Vec<Alone>,
     /// The response to a multisine of odd lines at the lines that it leaves out.
     pub lines: Option<Lines>,
+    /// Share of the power of the remainder that repeats in every period of the periodic records.
+    pub repeats: Option<f64>,
 }
 
 impl Evidence {
@@ -42,7 +45,9 @@ impl Evidence {
             Some(_) => Tracks::default(),
             None => Tracks::of(&problem.plant, &problem.records, &noise.rms(), settings),
         };
+        let remainders: Vec<Channels> = records.iter().map(|record| record.error(&with(record))).collect();
         Self {
+            repeats: repetition::repeats(records, &remainders),
             tracks,
             resonances: each_alone(problem, refitted, noise),
             lines: Lines::of(records, refitted.rate, linear, with, settings),
@@ -53,6 +58,7 @@ impl Evidence {
     pub fn words(&self, plant: &Plant, found: bool, settings: &GapSettings) -> impl Iterator<Item = String> {
         let resonances = resonances::words(&self.resonances, plant, settings);
         let lines = self.lines.as_ref().and_then(|lines| lines.words(found, &settings.evidence));
-        resonances.into_iter().chain(lines).chain(self.tracks.words(plant, settings))
+        let repeats = self.repeats.map(repetition::words);
+        resonances.into_iter().chain(lines).chain(repeats).chain(self.tracks.words(plant, settings))
     }
 }

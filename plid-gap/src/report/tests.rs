@@ -219,6 +219,7 @@ fn level_run(record: &Record) -> LevelRun {
 
 fn evidence() -> Evidence {
     Evidence {
+        repeats: None,
         tracks: Tracks { passed: vec![passed("a&b.csv", 0.3, 0.0, 11.02), passed("last.csv", 1.0, 12.0, 10.97)] },
         resonances: [("a&b.csv", 0.3, 11.02), ("b.csv", 0.6, 11.0), ("last.csv", 1.0, 10.97)]
             .map(|(record, level, hz)| Alone {
