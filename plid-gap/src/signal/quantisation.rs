@@ -69,12 +69,7 @@ pub fn of_outputs(
             }
             let drops = !coarse && onsets >= settings.dropouts && onsets >= others;
             let dropout_rate = drops.then(|| onsets as f64 / samples as f64);
-            let repeats = |jumps: Jumps| {
-                let mut all = if drops { [jumps.repeats, jumps.held_down].concat() } else { Vec::new() };
-                all.sort_unstable();
-                all
-            };
-            let repeats = jumps.into_iter().map(repeats).collect();
+            let repeats = jumps.into_iter().map(|jumps| if drops { jumps.repeated() } else { Vec::new() }).collect();
             let cut = coarse && cuts(records, o, steps[o], settings.truncation_values);
             let grid = on_grid(records, o, steps[o]);
             let hidden = if grid { hidden(records, o, steps[o]) } else { None };
@@ -200,6 +195,21 @@ struct Jumps {
     /// Number of single samples that depart and repeat nothing. If they outnumber the repeated values, something else
     /// makes jumps, such as heavy-tailed noise, and some pairs of equal values are due to chance.
     others: usize,
+}
+
+impl Jumps {
+    /// Returns the repeated samples of an output that drops samples.
+    fn repeated(self) -> Vec<usize> {
+        let mut all = [self.repeats, self.held_down].concat();
+        all.sort_unstable();
+        all
+    }
+}
+
+/// Returns the samples that are repeated in a record of an output that drops samples. `error` is that of a simulation,
+/// and `noise` the standard deviation of the sensor's noise.
+pub(crate) fn repeats(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Vec<usize> {
+    jumps(y, error, noise, settings).repeated()
 }
 
 /// Finds the samples that repeat the value before them while the simulation moves away. Two values may be equal by
