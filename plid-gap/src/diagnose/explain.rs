@@ -15,7 +15,7 @@ use crate::judge::verdict::{Adequacy, FitFigures, adequacy, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
 use crate::search::course::not_of_time;
-use crate::search::levels::by_level;
+use crate::search::levels::{by_level, from_earlier};
 use crate::search::linear_cause;
 use crate::search::modal::dominant;
 use crate::search::rules::{Rules, Scope};
@@ -92,6 +92,8 @@ fn passes<'a>(
     let mut pass = Pass::First;
     // What was prepared before the residual of an explanation was taken for an error of the simulation.
     let mut exact: Option<Prepared> = None;
+    // The explanation of that pass.
+    let mut earlier: Option<Fit> = None;
     loop {
         let exclude: Vec<String> = scope.rules.exclude.iter().chain(&ready.not_of_time).cloned().collect();
         let rules = Rules { exclude: &exclude, ..*scope.rules };
@@ -99,6 +101,9 @@ fn passes<'a>(
         let first = OnceCell::new();
         let stage = if pass == Pass::First { stage } else { &first };
         let mut searched = Searched::new(&mut ready, &refitted, scope, stage, say);
+        if ready.widened.is_some() {
+            searched.completed(&mut ready.problem, &refitted, earlier.as_ref(), scope, say);
+        }
         match searched.renew(&mut ready, &mut refitted, scope, pass) {
             Some(renewed) => say(renewed),
             None if searched.refutes_time(&mut ready, &refitted, say) => {
@@ -108,10 +113,12 @@ fn passes<'a>(
             }
             None => {
                 let mut explained = searched.judged(ready, refitted, scope, say);
+                let best = explained.found.best.clone();
                 match admit_error(&mut explained, scope) {
                     Some((admitted, before)) => {
                         say(admitted);
                         exact = Some(before);
+                        earlier = Some(best);
                     }
                     None => return explained,
                 }
@@ -140,13 +147,31 @@ impl<'a> Searched<'a> {
         stage: &OnceCell<SearchStage<'a>>,
         say: &mut dyn FnMut(String),
     ) -> Self {
-        let (quick, mut found) = by_level(&mut ready.problem, &ready.noise, refitted, scope, stage, say);
-        if ready.widened.is_some() {
-            let plain = Scope { bold: false, ..scope.clone() };
-            straighten(&ready.problem, &quick, &mut found, &plain, say);
-        }
+        let (quick, found) = by_level(&mut ready.problem, &ready.noise, refitted, scope, stage, say);
         let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
         Self { quick, found, simulated }
+    }
+
+    /// Completes a search with an error of the simulation: by what an earlier pass has found without that error, if
+    /// this explains more, and by linear causes.
+    fn completed(
+        &mut self,
+        problem: &mut Problem,
+        refitted: &Refit,
+        earlier: Option<&Fit<'a>>,
+        scope: &Scope<'_, 'a>,
+        say: &mut dyn FnMut(String),
+    ) {
+        let again = earlier.and_then(|earlier| {
+            from_earlier(problem, &mut self.quick, [earlier, &self.found.best], refitted, scope, say)
+        });
+        if let Some(again) = again {
+            let candidates = std::mem::replace(&mut self.found, again).candidates;
+            self.found.add(candidates);
+        }
+        let plain = Scope { bold: false, ..scope.clone() };
+        straighten(problem, &self.quick, &mut self.found, &plain, say);
+        self.simulated = outputs(problem, &self.found.best.eta, &self.found.best.effects);
     }
 
     /// Removes from the records, or adds to their noise, what the best explanation shows there. Returns a description

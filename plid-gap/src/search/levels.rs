@@ -8,13 +8,14 @@
 use std::cell::OnceCell;
 
 use crate::case::record::Record;
-use crate::fit::candidate::in_words;
+use crate::fit::candidate::{in_words, same};
 use crate::fit::problem::{Fit, Problem};
 use crate::fit::refit::{Refit, STEPS, refit};
 use crate::noise::NoiseModel;
 use crate::search::leading::leading;
+use crate::search::price::{Price, material};
 use crate::search::rules::Scope;
-use crate::search::stage::{SearchStage, polish};
+use crate::search::stage::{SearchStage, polish, whether_sound};
 use crate::search::stepwise::{Begin, Search, search};
 use crate::search::windows::{Windows, follows};
 
@@ -53,6 +54,41 @@ pub(crate) fn by_level<'a>(
     (quick, found)
 }
 
+/// Searches again from what an earlier pass has found if this pass has missed its first effect and explains less: an
+/// earlier pass that weighs the records by their noise alone does not begin from a linear cause. Its first effects are
+/// taken, as long as each of them explains enough.
+pub(crate) fn from_earlier<'a>(
+    problem: &mut Problem,
+    quick: &mut Problem,
+    [earlier, found]: [&Fit<'a>; 2],
+    refitted: &Refit,
+    scope: &Scope<'_, 'a>,
+    say: &mut dyn FnMut(String),
+) -> Option<Search<'a>> {
+    let first = earlier.effects.first()?;
+    if found.effects.iter().any(|placed| same(placed, first)) {
+        return None;
+    }
+    let price = Price::new(problem, scope);
+    let mut best = refitted.as_fit();
+    for count in 1..=earlier.effects.len() {
+        let first = Fit { effects: earlier.effects[..count].to_vec(), ..earlier.clone() };
+        let enough = |fit: &Fit| {
+            price.of(&best) - price.of(fit) > scope.settings.accept_gain && material(problem, scope, &best, fit)
+        };
+        match whether_sound(problem, polish(problem, first)).filter(enough) {
+            Some(fit) => best = fit,
+            None => break,
+        }
+    }
+    if best.effects.is_empty() || price.of(&best) >= price.of(found) {
+        return None;
+    }
+    say(format!("{} explains more", in_words(&best.effects, &problem.setting.names)));
+    let begin = Begin { refit: refitted, windows: None, below: Some(best) };
+    Some(search(problem, quick, begin, scope, &OnceCell::new(), say))
+}
+
 /// Searches in the records without the loudest, and fits what is found there to all of them; `None` if all have about
 /// one level, or if nothing is found. The ports get the scales that were found with it.
 fn from_below<'a>(
@@ -80,4 +116,39 @@ fn from_below<'a>(
     (problem.plant, problem.setting.plant) = (weaker.plant, weaker.setting.plant);
     problem.strong = true;
     Some(polish(problem, found.best))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{Library, Place, Setting};
+    use crate::search::rules::Rules;
+    use crate::testing::laws::{at, prepared, without};
+
+    /// A cubic spring that an earlier pass has found takes the place of a lag that explains less. What the earlier pass
+    /// has added to it without need is left out. If this pass has found the spring too, nothing is searched again.
+    #[test]
+    fn what_an_earlier_pass_has_found_is_not_lost() {
+        let library = Library::standard();
+        let size = |setting: &Setting| vec![0.02 * setting.force[0] / setting.d_rms[0].powi(3)];
+        let mut ready = prepared("cubic-stiffness", size);
+        let mut quick = ready.problem.head(ready.problem.settings.search.first_samples, &ready.noise);
+        let problem = &mut ready.problem;
+        let exclude = without(&library, &["cubic-stiffness", "actuator-lag", "sensor-drift"]);
+        let rules = Rules { suspects: &[], exclude: &exclude, without: &[] };
+        let (settings, names) = (problem.settings.search.clone(), problem.setting.names.clone());
+        let scope =
+            Scope { library: &library, rules: &rules, settings, names, off: Vec::new(), bold: false, imperfect: true };
+        let refitted = refit(problem, STEPS);
+        let fit = |problem: &Problem, effects| polish(problem, Fit { effects, ..refitted.as_fit() });
+        let spring = at(&library, "cubic-stiffness", Place::Input(0), size(&problem.setting));
+        let drift = at(&library, "sensor-drift", Place::Output(0), vec![1e-9]);
+        let earlier = fit(problem, vec![spring, drift]);
+        let found = fit(problem, vec![at(&library, "actuator-lag", Place::Input(0), vec![400.0])]);
+        let mut say = |_: String| {};
+        let again = from_earlier(problem, &mut quick, [&earlier, &found], &refitted, &scope, &mut say).unwrap();
+        let [spring] = again.best.effects.as_slice() else { panic!("one effect") };
+        assert_eq!((spring.effect.name(), &spring.place), ("cubic-stiffness", &Place::Input(0)));
+        assert!(from_earlier(problem, &mut quick, [&earlier, &again.best], &refitted, &scope, &mut say).is_none());
+    }
 }

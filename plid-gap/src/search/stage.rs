@@ -96,8 +96,10 @@ impl<'a> SearchStage<'a> {
             })
             .collect();
         let heads = self.further(quick, heads, 2 * polished, price);
-        // A fit that has not reached its minimum may still lead back to sound parameters.
-        let sound = |(k, fit): (usize, Option<Fit<'a>>)| (k, fit.and_then(|fit| whether_sound(quick, fit)));
+        // A fit that has not reached its minimum may still lead back to sound parameters. The effects that were there
+        // before are judged by the fit to whole records alone: few samples may not determine them.
+        let is_sound = |fit: &Fit| are_sound(quick, fit.effects.get(self.from.effects.len()..).unwrap_or_default());
+        let sound = |(k, fit): (usize, Option<Fit<'a>>)| (k, fit.filter(is_sound));
         let heads: Numbered<'a> = heads.into_iter().map(sound).collect();
         let mut best = ranked(&heads, price);
         best.truncate(polished);

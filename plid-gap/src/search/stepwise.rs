@@ -33,6 +33,18 @@ pub struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
+    /// Adds explanations of another search of the same records; of each, the fit that explains more is kept.
+    pub fn add(&mut self, candidates: Vec<Candidate<'a>>) {
+        self.candidates.extend(candidates);
+        self.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
+        let all = std::mem::take(&mut self.candidates);
+        for candidate in all {
+            if !self.candidates.iter().any(|kept| all_same(&kept.effects, &candidate.effects)) {
+                self.candidates.push(candidate);
+            }
+        }
+    }
+
     /// Accepts a free shape of the best explanation, which costs `more` parameters.
     pub fn set_free(&mut self, cost: f64, more: usize, rows: f64) {
         let is_best = |c: &Candidate| all_same(&c.effects, &self.best.effects);
@@ -387,4 +399,39 @@ fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names:
     let first = entries.iter().take(6).map(entry).collect::<Vec<_>>().join(", ");
     let entries = entries.len();
     format!("stage {stage}: {entries} entries of the screen, the first by gain: {first}; fits, behind the best: {fits}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{Library, Place, Setting};
+    use crate::fit::refit::{STEPS, refit};
+    use crate::search::rules::Rules;
+    use crate::testing::laws::{at, prepared, without};
+
+    /// Where friction acts, it takes the place of a linear damper that accounts for most of it. A damper stays one.
+    #[test]
+    fn friction_takes_the_place_of_a_damper() {
+        let library = Library::standard();
+        let friction: fn(&Setting) -> Vec<f64> = |setting| vec![0.02 * setting.force[0], 0.05 * setting.v_rms[0]];
+        let damper: fn(&Setting) -> Vec<f64> = |setting| vec![0.02 * setting.force[0] / setting.v_rms[0]];
+        for (acts, parameters, law) in
+            [("coulomb-friction", friction, Some("coulomb-friction")), ("added-damping", damper, None)]
+        {
+            let ready = prepared(acts, parameters);
+            let problem = &ready.problem;
+            let quick = problem.head(problem.settings.search.first_samples, &ready.noise);
+            let exclude = without(&library, &["coulomb-friction", "quadratic-damping", "added-damping"]);
+            let rules = Rules { suspects: &[], exclude: &exclude, without: &[] };
+            let (settings, names) = (problem.settings.search.clone(), problem.setting.names.clone());
+            let (off, bold) = (Vec::new(), false);
+            let scope = Scope { library: &library, rules: &rules, settings, names, off, bold, imperfect: true };
+            let price = Price::new(problem, &scope);
+            let refitted = refit(problem, STEPS);
+            let added = at(&library, "added-damping", Place::Input(0), damper(&problem.setting));
+            let cause = polish(problem, Fit { effects: vec![added], ..refitted.as_fit() });
+            let found = in_its_place([problem, &quick], &refitted, &cause, &price, &mut Vec::new(), &mut |_| {});
+            assert_eq!(found.map(|fit| fit.effects[0].effect.name()), law);
+        }
+    }
 }

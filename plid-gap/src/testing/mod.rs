@@ -5,6 +5,7 @@ pub(crate) mod axis;
 mod blind;
 mod controlled;
 mod joint;
+pub(crate) mod laws;
 mod levels;
 mod sound;
 mod truss;
