@@ -1,4 +1,4 @@
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use plid_model::OutputKind;
 
 use super::{CasePort, KindSource, Plant, Port, PortScale};
@@ -66,14 +66,25 @@ fn collocated(plant: &Plant, input: usize) -> Option<usize> {
     (0..plant.p).filter(shows_motion).max_by(|&x, &y| share(x).total_cmp(&share(y))).filter(|&o| share(o) > 0.0)
 }
 
+/// Distance from a pole at the origin at which it is looked for, relative to the fastest pole. Rounding moves a double
+/// pole by the root of the machine's precision.
+const NEAR_ORIGIN: f64 = 1e-7;
+
 impl Plant {
     /// Stiffness at a port on an axis: the force over the static displacement that it causes. Zero if nothing
     /// holds the axis, or if its displacement is not known.
     pub(super) fn axis_stiffness(&self, port: &Port) -> f64 {
         let Some((a, _)) = self.rest.continuous.as_ref().filter(|(a, _)| !a.is_empty()) else { return 0.0 };
-        let at_rest = a.clone().lu().solve(&port.force_rest);
-        let compliance = at_rest.map_or(f64::INFINITY, |x| port.displacement_rest.dot(&x).abs());
-        if compliance > 0.0 && compliance.is_finite() { compliance.recip() } else { 0.0 }
+        let size = a.amax() * a.nrows() as f64;
+        let compliance = |distance: f64| {
+            let shifted = a - DMatrix::identity(a.nrows(), a.nrows()) * (distance * size);
+            let displaced = shifted.lu().solve(&port.force_rest);
+            displaced.map_or(f64::INFINITY, |x| port.displacement_rest.dot(&x).abs())
+        };
+        // A pole at the origin lies there up to rounding only. Half as far from it, its compliance is twice as large.
+        let is_held = compliance(NEAR_ORIGIN) < 1.5 * compliance(2.0 * NEAR_ORIGIN);
+        let at_rest = compliance(0.0);
+        if is_held && at_rest > 0.0 && at_rest.is_finite() { at_rest.recip() } else { 0.0 }
     }
 }
 
@@ -98,7 +109,7 @@ impl Port {
 mod tests {
     use super::*;
     use crate::plant::PortSource;
-    use nalgebra::{DMatrix, dmatrix};
+    use nalgebra::dmatrix;
     use plid_model::Model;
 
     /// A mass of 2 with a viscous damper of 3 and a spring `k`, seen by its position or its velocity, at 1 kHz.
@@ -152,6 +163,24 @@ mod tests {
         let port = &plant.ports[0];
         assert!((port.velocity_rest.dot(&port.force_rest) - 0.5).abs() < 1e-6);
         assert_eq!(plant.stiffness(port), 0.0);
+    }
+
+    /// In another basis, rounding moves the pole of a free slider off the origin. It is no spring.
+    #[test]
+    fn rounding_is_no_spring() {
+        for k in 0..20 {
+            let angle = 0.1 + f64::from(k);
+            let basis = dmatrix![angle.cos(), 0.7 * angle.sin(); -1.3 * angle.sin(), angle.cos() + 0.01];
+            let inverse = basis.clone().try_inverse().unwrap();
+            for (stiffness, expected) in [(0.0, 0.0), (1e-3, 1e-3)] {
+                let (a, b) = (dmatrix![0.0, 1.0; -stiffness / 2.0, -1.5], dmatrix![0.0; 0.5]);
+                let (a, b) = crate::testing::held(&(&basis * a * &inverse), &(&basis * b), 1e-3);
+                let c = dmatrix![1.0, 0.0] * &inverse;
+                let plant = Plant::new(&Model::new(1000.0, a, b, c, DMatrix::zeros(1, 1)).unwrap()).unwrap();
+                let found = plant.stiffness(&plant.ports[0]);
+                assert!((found - expected).abs() <= 1e-3 * expected, "{angle}: {found} instead of {expected}");
+            }
+        }
     }
 
     /// A damper on a testing machine, as a model of its records has it: its response rises with the frequency up to
