@@ -17,6 +17,7 @@ use std::collections::BTreeMap;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::answer::schema::{Change, Comparison, Gap, Located, NamedEffect, Remainder, RemainderPlace, Value, Where};
+use crate::case::Limits;
 use crate::effects::{Names, Setting, Side};
 use crate::fit::candidate::{Candidate, all_same, in_words, joined, same};
 use crate::fit::problem::Placed;
@@ -32,9 +33,9 @@ use crate::search::stepwise::Search;
 use crate::search::stochastic::{Stochastic, cuts, wanders};
 use crate::settings::{AnswerSettings, JudgeSettings};
 
-/// Returns the effects of the answer with intervals and confidence.
+/// Returns the effects of the answer with intervals and confidence. `limits` are those of the simulation's errors.
 pub(crate) fn named(
-    explained: &Explained,
+    (explained, limits): (&Explained, &Limits),
     shown: &[&Stochastic],
     weighted: &[Weighted],
     shares: &[Share],
@@ -56,7 +57,8 @@ pub(crate) fn named(
     for (which, placed) in best.effects.iter().enumerate() {
         let mut parameters = BTreeMap::new();
         let first = at;
-        let half = |at: usize| quantile * best.covariance[(at, at)].max(0.0).sqrt();
+        let own = own_std(placed, setting, limits) * ready.widened.unwrap_or(1.0);
+        let half = |at: usize| quantile * best.covariance[(at, at)].max(0.0).sqrt().max(own);
         for (parameter, &value) in placed.effect.parameters(setting).into_iter().zip(&placed.parameters) {
             let unit = setting.unit_of(&parameter, &placed.place);
             parameters.insert(parameter.name, stated(value, half(at), unit));
@@ -105,6 +107,18 @@ fn of_stochastic(shown: &Stochastic, setting: &Setting, confidence: f64) -> Name
         change: None,
         shape_differs: cuts(placed) || wanders(placed),
     }
+}
+
+/// Returns the least standard deviation of a mass, a damper or a spring that was added to axes: that of the simulation's
+/// own one there, and of the gain of the command. The poles and gains that the refit changes do not contain every such
+/// error where axes are coupled.
+fn own_std(placed: &Placed, setting: &Setting, limits: &Limits) -> f64 {
+    let relative = placed.effect.own_std(limits);
+    if relative == 0.0 || !setting.plant.modes.is_empty() {
+        return 0.0;
+    }
+    let change = placed.effect.change(setting, &placed.place, &placed.parameters);
+    change.map_or(0.0, |change| change.from.abs() * relative.hypot(limits.shape / 2.0))
 }
 
 /// Returns the parameter of the simulation that an effect changes, in addition to the changes of the refit. `half` is

@@ -128,7 +128,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         let Judgement { gaps, shares, shown, squared_gaps, weighted, .. } = &self.judged;
         let best = &self.explained.found.best.effects;
         let near_line = self.explained.ready.problem.settings.prepare.near_line;
-        let mut named = named(self.explained, shown, weighted, shares, gaps.left());
+        let mut named = named((self.explained, &self.audit.known.limits), shown, weighted, shares, gaps.left());
         for which in self.stochastic.iter().filter_map(|u| wandering(&u.placed, best, near_line)) {
             named[which].shape_differs = true;
         }

@@ -1,3 +1,5 @@
+use crate::case::Limits;
+
 use super::{Action, Change, Effect, Load, Parameter, Place, Range, Setting, Side};
 
 /// A viscous damper that the simulation lacks, such as a bearing, or has too much of.
@@ -41,6 +43,10 @@ impl Effect for AddedDamping {
         let damper = setting.plant.damper(setting.port(place));
         let number = format!("viscous damping at {}", place.location(&setting.names));
         Some(Change { number, from: damper, to: damper + parameters[0], unit: "force/velocity".into() })
+    }
+
+    fn own_std(&self, limits: &Limits) -> f64 {
+        limits.damping / 2.0
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,3 +1,5 @@
+use crate::case::Limits;
+
 use super::{Action, Change, Effect, Load, Parameter, Place, Range, Setting, Side};
 
 /// A mass that the simulation lacks, such as a payload, or has too much of.
@@ -46,6 +48,11 @@ impl Effect for AddedMass {
         let inertia = setting.plant.mobility(setting.port(place)).recip();
         let number = format!("inertia at {}", place.location(&setting.names));
         Some(Change { number, from: inertia, to: inertia + parameters[0], unit: "force/acceleration".into() })
+    }
+
+    fn own_std(&self, limits: &Limits) -> f64 {
+        // A frequency goes with the root of the inertia.
+        limits.frequency
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

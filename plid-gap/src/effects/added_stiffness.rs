@@ -1,3 +1,7 @@
+use std::f64::consts::TAU;
+
+use crate::case::Limits;
+
 use super::{Action, Change, Effect, Load, Parameter, Place, Range, Setting, Side};
 
 /// A linear spring that the simulation lacks, or has too much of.
@@ -35,13 +39,24 @@ impl Effect for AddedStiffness {
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let port = setting.port(place);
         let other = setting.force[port] / setting.d_rms[port];
-        setting.load_starts(setting.stiffness[port], other, Some(|factor| factor * factor - 1.0))
+        let mut starts = setting.load_starts(setting.stiffness[port], other, Some(|factor| factor * factor - 1.0));
+        // A spring at a body that nothing holds makes a resonance, at whose frequency the residual has a peak.
+        let mobility = setting.plant.mobility(port);
+        if setting.stiffness[port] <= 0.0 && mobility > 0.0 {
+            starts.extend(setting.missing.iter().map(|mode| vec![(TAU * mode.hz).powi(2) / mobility]));
+        }
+        starts
     }
 
     fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
         let stiffness = setting.plant.stiffness(&setting.plant.ports[setting.port(place)]);
         let number = format!("static stiffness at {}", place.location(&setting.names));
         Some(Change { number, from: stiffness, to: stiffness + parameters[0], unit: "force/displacement".into() })
+    }
+
+    fn own_std(&self, limits: &Limits) -> f64 {
+        // A frequency goes with the root of the stiffness.
+        limits.frequency
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

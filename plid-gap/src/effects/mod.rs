@@ -59,6 +59,7 @@ mod stop;
 mod unit;
 mod units;
 
+use crate::case::Limits;
 pub use crate::plant::Load;
 pub use crate::signal::peaks::MissingModeStart;
 pub use action::{Action, Command, Drive, Force, Sampling, Sensor};
@@ -330,6 +331,12 @@ pub trait Effect: Send + Sync {
     /// of its own.
     fn change(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> Option<Change> {
         None
+    }
+
+    /// Returns the relative standard deviation of the simulation's own number of this kind at a port, by its limits:
+    /// such an error acts as the effect does. Zero for an effect that is no such number.
+    fn own_std(&self, _limits: &Limits) -> f64 {
+        0.0
     }
 
     /// Returns its actions with these parameters at a location.
