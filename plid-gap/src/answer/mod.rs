@@ -312,8 +312,14 @@ pub(crate) const MOST_NEAREST: usize = 3;
 
 #[cfg(test)]
 mod tests {
+    use plid_model::Model;
+
+    use super::*;
     use crate::diagnose::diagnose;
     use crate::effects::Library;
+    use crate::plant::Plant;
+    use crate::prepare::tests::setting_of;
+    use crate::testing::axis::Axis;
     use crate::testing::{case, truss, truss_with};
 
     /// An unknown name is an error with the nearest known one.
@@ -329,6 +335,29 @@ mod tests {
             assert!(message.contains("exclude") && message.contains(&format!("did you mean `{right}`")), "{message}");
         }
         assert!(ask("mode:123.4").is_ok());
+    }
+
+    /// What is added to a servo's inertia, damper or spring is known no better than these. On a structure, the modes of
+    /// the refit contain the error.
+    #[test]
+    fn an_added_number_is_known_no_better_than_the_simulations_own() {
+        let library = Library::standard();
+        let servo = Axis { mass: 2.0, c: 12.0, k: 8.0, force: |_, _| 0.0, position: true }.simulation();
+        let std = |model: &Model, name: &str| {
+            let setting = setting_of(&Plant::new(model).unwrap(), model);
+            let effect = library.get(name).unwrap();
+            let place = effect.places(&setting).remove(0);
+            own_std(&Placed { effect, place, parameters: vec![0.1] }, &setting, &Limits::default())
+        };
+        for (name, own, relative) in
+            [("added-mass", 2.0, 0.002), ("added-damping", 12.0, 0.05), ("added-stiffness", 8.0, 0.002)]
+        {
+            // The gain of the command is known to 1 %.
+            let expected = own * f64::hypot(relative, 0.01);
+            assert!((std(&servo, name) / expected - 1.0).abs() < 1e-3, "{name}: {} {expected}", std(&servo, name));
+            assert_eq!(std(&truss(1), name), 0.0);
+        }
+        assert_eq!(std(&servo, "actuator-gain"), 0.0);
     }
 
     /// For a frequency, a damping ratio and a factor, the answer says which parameter of the simulation changes, and
