@@ -58,7 +58,9 @@ pub(crate) fn named(
         let mut parameters = BTreeMap::new();
         let first = at;
         let own = own_std(placed, setting, limits) * ready.widened.unwrap_or(1.0);
-        let half = |at: usize| quantile * best.covariance[(at, at)].max(0.0).sqrt().max(own);
+        // The records determine the sum of the simulation's own number and of what is added to it.
+        let sum = |at: usize| quantile * best.covariance[(at, at)].max(0.0).sqrt();
+        let half = |at: usize| sum(at).max(quantile * own);
         for (parameter, &value) in placed.effect.parameters(setting).into_iter().zip(&placed.parameters) {
             let unit = setting.unit_of(&parameter, &placed.place);
             parameters.insert(parameter.name, stated(value, half(at), unit));
@@ -77,7 +79,7 @@ pub(crate) fn named(
             share: share.map(|share| share.value),
             share_ci95: share.map(|share| share.ci95),
             parameters,
-            change: changed(placed, setting, &refitted, half(first)),
+            change: changed(placed, setting, &refitted, sum(first)),
             shape_differs: free_shape == Some(which),
         });
     }
