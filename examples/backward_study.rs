@@ -7,11 +7,11 @@
 //! ```
 //!
 //! There is one case for each effect and seed, with a gap of 5 to 15 %, ports and all six records. The plant is the
-//! truss, or where the effect makes no sense on it, another plant that takes it, by turns. `all` stands for every effect
-//! of the vocabulary. Effects that the limits of the simulation allow (of frequencies, damping ratios,
-//! gains) are drawn beyond these limits, with a larger gap. With `--out`, each finished case is written to a file in
-//! FOLDER, and the same command continues after an interruption. Without arguments, it is a trial of seconds: one
-//! effect, one seed and short records.
+//! truss, or where the effect makes no sense on it, another plant that takes it, by turns. `all` stands for every
+//! effect of the vocabulary. Effects that the limits of the simulation allow (of frequencies, damping ratios, gains)
+//! are drawn beyond these limits, with a larger gap. With `--out`, each finished case is written to a file in FOLDER,
+//! and the same command continues after an interruption. Without arguments, it is a trial of seconds: one effect, one
+//! seed and short records.
 
 use std::collections::BTreeMap;
 use std::error::Error;

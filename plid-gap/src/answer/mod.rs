@@ -111,9 +111,9 @@ fn of_stochastic(shown: &Stochastic, setting: &Setting, confidence: f64) -> Name
     }
 }
 
-/// Returns the least standard deviation of a mass, a damper or a spring that was added to axes: that of the simulation's
-/// own one there, and of the gain of the command. The poles and gains that the refit changes do not contain every such
-/// error where axes are coupled.
+/// Returns the least standard deviation of a mass, a damper or a spring that was added to axes: that of the
+/// simulation's own one there, and of the gain of the command. The poles and gains that the refit changes do not
+/// contain every such error where axes are coupled.
 fn own_std(placed: &Placed, setting: &Setting, limits: &Limits) -> f64 {
     let relative = placed.effect.own_std(limits);
     if relative == 0.0 || !setting.plant.modes.is_empty() {

@@ -130,8 +130,8 @@ mod tests {
     #[test]
     fn what_an_earlier_pass_has_found_is_not_lost() {
         let library = Library::standard();
-        let size = |setting: &Setting| vec![0.02 * setting.force[0] / setting.d_rms[0].powi(3)];
-        let mut ready = prepared("cubic-stiffness", size);
+        let size: fn(&Setting) -> Vec<f64> = |setting| vec![0.02 * setting.force[0] / setting.d_rms[0].powi(3)];
+        let mut ready = prepared(&[("cubic-stiffness", size)]);
         let mut quick = ready.problem.head(ready.problem.settings.search.first_samples, &ready.noise);
         let problem = &mut ready.problem;
         let exclude = without(&library, &["cubic-stiffness", "actuator-lag", "sensor-drift"]);

@@ -376,10 +376,12 @@ pub fn straighten<'a>(
         let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &best.eta));
         fits.extend(linear_cause::fits(problem, best, &jacobian, scope));
         say(progress(best.effects.len() + 1, &entries, &fits, &price, &problem.setting.names));
-        let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { return };
-        if price.of(best) - price.of(&top) < settings.accept_gain || !straightens(problem, scope, best, &top) {
-            return;
-        }
+        // A damper may close more of the residual than the gain that explains the changes.
+        let explains = |fit: &Fit| {
+            price.of(best) - price.of(fit) >= settings.accept_gain && straightens(problem, scope, best, fit)
+        };
+        let sound = fits.into_iter().filter(explains);
+        let Some(top) = sound.min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { return };
         found.candidates.push(price.candidate(&top));
         found.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
         found.best = top;
@@ -418,7 +420,7 @@ mod tests {
         for (acts, parameters, law) in
             [("coulomb-friction", friction, Some("coulomb-friction")), ("added-damping", damper, None)]
         {
-            let ready = prepared(acts, parameters);
+            let ready = prepared(&[(acts, parameters)]);
             let problem = &ready.problem;
             let quick = problem.head(problem.settings.search.first_samples, &ready.noise);
             let exclude = without(&library, &["coulomb-friction", "quadratic-damping", "added-damping"]);
@@ -433,5 +435,25 @@ mod tests {
             let found = in_its_place([problem, &quick], &refitted, &cause, &price, &mut Vec::new(), &mut |_| {});
             assert_eq!(found.map(|fit| fit.effects[0].effect.name()), law);
         }
+    }
+
+    /// A gain of 1.04 is added although a damper, which changes no linear parameter, closes more of the residual.
+    #[test]
+    fn a_gain_that_straightens_is_added_beside_a_damper() {
+        let library = Library::standard();
+        let damper: fn(&Setting) -> Vec<f64> = |setting| vec![3e-4 * setting.force[0] / setting.v_rms[0]];
+        let ready = prepared(&[("actuator-gain", |_| vec![1.04]), ("added-damping", damper)]);
+        let problem = &ready.problem;
+        let quick = problem.head(problem.settings.search.first_samples, &ready.noise);
+        let exclude = without(&library, &["actuator-gain", "added-damping"]);
+        let rules = Rules { suspects: &[], exclude: &exclude, without: &[] };
+        let (settings, names) = (problem.settings.search.clone(), problem.setting.names.clone());
+        let scope =
+            Scope { library: &library, rules: &rules, settings, names, off: Vec::new(), bold: false, imperfect: true };
+        let best = refit(problem, STEPS).as_fit();
+        let mut found = Search { best, candidates: Vec::new(), stages: Vec::new(), overlap: None };
+        straighten(problem, &quick, &mut found, &scope, &mut |said| println!("{said}"));
+        let named: Vec<_> = found.best.effects.iter().map(|e| (e.effect.name(), e.place.clone())).collect();
+        assert_eq!(named, [("actuator-gain", Place::Input(0))]);
     }
 }

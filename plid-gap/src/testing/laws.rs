@@ -16,19 +16,21 @@ pub fn without(library: &Library, names: &[&str]) -> Vec<String> {
     library.effects().map(|effect| effect.name().to_owned()).filter(|name| !names.contains(&name.as_str())).collect()
 }
 
-/// Prepares the records of an exact truss with an effect at its first input's port and 0.2 % of noise. `parameters` are those
-/// of the effect.
-pub fn prepared(effect: &str, parameters: fn(&Setting) -> Vec<f64>) -> Prepared {
+/// Effects at the first input or at its port: the name, and the parameters for a setting.
+pub type Acting = (&'static str, fn(&Setting) -> Vec<f64>);
+
+/// Prepares the records of an exact truss with effects at its first input and 0.2 % of noise.
+pub fn prepared(effects: &[Acting]) -> Prepared {
     let library = Library::standard();
     let sim = truss(1);
     let mut case = case(&sim, &sim);
     let model = case.model.clone().unwrap();
     let problem = prepare(&model, &case.records, &Known::default()).unwrap().problem;
-    let acting = at(&library, effect, Place::Input(0), parameters(&problem.setting));
-    let actions = problem.actions(&[acting]);
+    let placed = |(name, of): &Acting| at(&library, name, Place::Input(0), of(&problem.setting));
+    let actions = problem.actions(&effects.iter().map(placed).collect::<Vec<_>>());
     for (k, record) in case.records.iter_mut().enumerate() {
         record.y = run(&problem.plant, &actions, record);
-        add_noise(&mut record.y, 110 + k as u64, &model.noise.sensor_std.as_ref().unwrap());
+        add_noise(&mut record.y, 110 + k as u64, model.noise.sensor_std.as_ref().unwrap());
     }
     prepare(&model, &case.records, &Known::default()).unwrap()
 }
