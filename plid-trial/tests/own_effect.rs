@@ -51,6 +51,7 @@ effects = ["bent-sensor"]
 least_over_floor = 5.0
 perturbed = 0.0
 length = 0.25
+channels = [{ inputs = 1, outputs = 2 }]
 "#;
 
 #[test]
