@@ -441,7 +441,7 @@ mod tests {
     #[test]
     fn a_gain_that_straightens_is_added_beside_a_damper() {
         let library = Library::standard();
-        let damper: fn(&Setting) -> Vec<f64> = |setting| vec![3e-4 * setting.force[0] / setting.v_rms[0]];
+        let damper: fn(&Setting) -> Vec<f64> = |setting| vec![2e-3 * setting.force[0] / setting.v_rms[0]];
         let ready = prepared(&[("actuator-gain", |_| vec![1.04]), ("added-damping", damper)]);
         let problem = &ready.problem;
         let quick = problem.head(problem.settings.search.first_samples, &ready.noise);
