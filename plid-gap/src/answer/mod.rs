@@ -112,15 +112,15 @@ fn of_stochastic(shown: &Stochastic, setting: &Setting, confidence: f64) -> Name
 }
 
 /// Returns the least standard deviation of a mass, a damper or a spring that was added to axes: that of the
-/// simulation's own one there, and of the gain of the command. The poles and gains that the refit changes do not
-/// contain every such error where axes are coupled.
+/// simulation's own one there, and of the gain of the command, which scales all of it. The poles and gains that the
+/// refit changes do not contain every such error where axes are coupled.
 fn own_std(placed: &Placed, setting: &Setting, limits: &Limits) -> f64 {
     let relative = placed.effect.own_std(limits);
     if relative == 0.0 || !setting.plant.modes.is_empty() {
         return 0.0;
     }
     let change = placed.effect.change(setting, &placed.place, &placed.parameters);
-    change.map_or(0.0, |change| change.from.abs() * relative.hypot(limits.shape / 2.0))
+    change.map_or(0.0, |change| (change.from * relative).hypot(change.to * limits.shape / 2.0))
 }
 
 /// Returns the parameter of the simulation that an effect changes, in addition to the changes of the refit. `half` is
@@ -355,7 +355,7 @@ mod tests {
             [("added-mass", 2.0, 0.002), ("added-damping", 12.0, 0.05), ("added-stiffness", 8.0, 0.002)]
         {
             // The gain of the command is known to 1 %.
-            let expected = own * f64::hypot(relative, 0.01);
+            let expected = f64::hypot(own * relative, (own + 0.1) * 0.01);
             assert!((std(&servo, name) / expected - 1.0).abs() < 1e-3, "{name}: {} {expected}", std(&servo, name));
             assert_eq!(std(&truss(1), name), 0.0);
         }
