@@ -266,7 +266,7 @@ fn fitted_in_place<'f, 'a>(
 }
 
 /// Returns the remainder of the best explanation: its size on the opened records, and its location on the fitted ones.
-/// `repeats` is the share of its power that repeats.
+/// `repeats` is the share of its power that is the same in every period.
 pub(crate) fn remainder(
     explained: &Explained,
     gap: &Gap,

@@ -45,9 +45,8 @@ impl Evidence {
             Some(_) => Tracks::default(),
             None => Tracks::of(&problem.plant, &problem.records, &noise.rms(), settings),
         };
-        let remainders: Vec<Channels> = records.iter().map(|record| record.error(&with(record))).collect();
         Self {
-            repeats: repetition::repeats(records, &remainders),
+            repeats: repetition::repeats(records, |k| records[k].error(&with(&records[k]))),
             tracks,
             resonances: each_alone(problem, refitted, noise),
             lines: Lines::of(records, refitted.rate, linear, with, settings),

@@ -5,13 +5,13 @@ use crate::case::record::{Channels, Excitation, Record};
 use plid_report::percent;
 
 /// Returns the share of the residual's power that repeats in every period of the periodic records, each output scaled
-/// by its own power; `None` if no record has two periods after the first one, which contains a transient. `errors` are
-/// the residuals of the records (p channels each).
-pub(crate) fn repeats(records: &[Record], errors: &[Channels]) -> Option<f64> {
+/// by its own power; `None` if no record has two periods after the first one, which contains a transient. `residual`
+/// computes that of a record (p channels), and only periodic records need one.
+pub(crate) fn repeats(records: &[Record], residual: impl Fn(usize) -> Channels) -> Option<f64> {
     let (mut repeated, mut all) = (0.0, 0.0);
-    for (record, error) in records.iter().zip(errors) {
+    for (k, record) in records.iter().enumerate() {
         let Excitation::Periodic(period) = record.excitation else { continue };
-        for (error, y) in error.iter().zip(&record.y) {
+        for (error, y) in residual(k).iter().zip(&record.y) {
             let power: f64 = y.iter().filter(|y| y.is_finite()).map(|y| y * y).sum();
             if let Some([of_mean, whole]) = of_channel(error, period).filter(|_| power > 0.0) {
                 repeated += of_mean / power;
@@ -74,10 +74,10 @@ mod tests {
             error[period + 7] = f64::NAN;
             let y = vec![testing::random_input(3, periods * period, 1).remove(0)];
             let of = |excitation| Record { excitation, ..testing::record(Vec::new(), y.clone()) };
-            let found = repeats(&[of(Excitation::Periodic(period))], &[vec![error.clone()]]).unwrap();
+            let found = repeats(&[of(Excitation::Periodic(period))], |_| vec![error.clone()]).unwrap();
             assert!((found - expected).abs() < 0.06, "{found} instead of {expected}");
-            assert_eq!(repeats(&[of(Excitation::Random)], &[vec![error.clone()]]), None);
-            assert_eq!(repeats(&[of(Excitation::Periodic(periods * period / 2))], &[vec![error]]), None);
+            assert_eq!(repeats(&[of(Excitation::Random)], |_| vec![error.clone()]), None);
+            assert_eq!(repeats(&[of(Excitation::Periodic(periods * period / 2))], |_| vec![error.clone()]), None);
         }
     }
 }

@@ -113,14 +113,12 @@ impl<'a> Opened<'_, 'a> {
         let share = beyond(gap.with_effect) / beyond(gap.as_given).max(f64::MIN_POSITIVE);
         let further = blocks(&measured.records, &measured.with)
             .map_or(0.0, |with| gap::how_often([&with], |[with]| beyond(with) > material * material));
-        let records = measured.records.iter();
-        let remainders: Vec<Channels> = records.zip(&measured.with).map(|(record, y)| record.error(y)).collect();
         Remainder {
             gap: gap.with_effect,
             noise: gap.noise_floor,
             share_of_gap: share.min(1.0),
             further_cause: further,
-            repeats: repeats(&measured.records, &remainders),
+            repeats: repeats(&measured.records, |k| measured.records[k].error(&measured.with[k])),
             place: RemainderPlace { channels: after.channels, bands_hz: after.bands_hz },
             nearest: distinct(entries).take(MOST_NEAREST).map(|placed| located(placed, names)).collect(),
         }

@@ -98,7 +98,8 @@ impl<'a> SearchStage<'a> {
         let heads = self.further(quick, heads, 2 * polished, price);
         // A fit that has not reached its minimum may still lead back to sound parameters. The effects that were there
         // before are judged by the fit to whole records alone: few samples may not determine them.
-        let is_sound = |fit: &Fit| are_sound(quick, fit.effects.get(self.from.effects.len()..).unwrap_or_default());
+        let added = self.from.effects.len();
+        let is_sound = |fit: &Fit| fit.cost.is_finite() && are_sound(quick, &fit.effects[added..]);
         let sound = |(k, fit): (usize, Option<Fit<'a>>)| (k, fit.filter(is_sound));
         let heads: Numbered<'a> = heads.into_iter().map(sound).collect();
         let mut best = ranked(&heads, price);
