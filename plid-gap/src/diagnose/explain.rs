@@ -17,7 +17,7 @@ use crate::search::closest_law::closest_law;
 use crate::search::course::not_of_time;
 use crate::search::levels::{by_level, from_earlier};
 use crate::search::linear_cause;
-use crate::search::modal::dominant;
+use crate::search::modal::{dominant, gain_on_modes};
 use crate::search::rules::{Rules, Scope};
 use crate::search::shape::{FreeShapeFit, fewer, free_shape, renamed};
 use crate::search::stage::{SearchStage, polish};
@@ -62,6 +62,11 @@ fn elsewhere<'a>(first: Explained<'a>, scope: &Scope<'_, 'a>, say: &mut dyn FnMu
     ready.problem = ready.problem.with_modal_places(&modes);
     let names = ready.problem.setting.names.clone();
     let scope = Scope { names, bold: true, ..scope.clone() };
+    // A cause on a mode accounts for much of the gap by itself.
+    let least = scope.settings.modal_gain * (first.refitted.cost - first.price());
+    if gain_on_modes(&ready.problem, &ready.noise, &first.refitted, &scope) < least {
+        return first;
+    }
     let mut second = passes(ready, first.refitted.clone(), &scope, &OnceCell::new(), say);
     if second.price() + scope.settings.accept_gain > first.price() {
         return first;

@@ -127,3 +127,10 @@ pub enum Action {
     /// Changes no free run: more noise, coarser values.
     Noise,
 }
+
+impl Action {
+    /// Returns whether the action changes nothing before the sensors, so that a run without it suffices.
+    pub fn is_on_sensors(&self) -> bool {
+        matches!(self, Self::Sensor(_) | Self::Noise)
+    }
+}

@@ -1,4 +1,5 @@
 use super::clip::{MOST_ROUND, clip};
+use super::tanh::tanh;
 use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
 /// An amplifier or actuator that gives less at large commands.
@@ -60,7 +61,7 @@ struct Saturation {
 impl Command for Saturation {
     fn apply(&self, drive: &mut Drive) {
         for u in &mut drive.u[self.i] {
-            *u = self.round.map_or_else(|| self.a * (*u / self.a).tanh(), |round| clip(*u, self.a, round));
+            *u = self.round.map_or_else(|| self.a * tanh(*u / self.a), |round| clip(*u, self.a, round));
         }
     }
 }

@@ -1,3 +1,4 @@
+use super::tanh::tanh;
 use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
 /// Dry friction, smoothed at low velocity.
@@ -60,6 +61,6 @@ struct Coulomb {
 
 impl Force for Coulomb {
     fn force(&self, _d: f64, v: f64, _state: &[f64]) -> f64 {
-        -self.size * (v / self.v0).tanh()
+        -self.size * tanh(v / self.v0)
     }
 }

@@ -2,6 +2,7 @@
 //! together with an effect whose own characteristic does not suffice, and is never named. It distinguishes "this
 //! location, another shape" from "something else".
 
+use super::tanh::tanh;
 use super::{Action, Command, Drive, Effect, Force, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// The characteristic that a free shape changes.
@@ -294,7 +295,7 @@ struct Rate {
 impl Force for Rate {
     fn force(&self, _d: f64, v: f64, _state: &[f64]) -> f64 {
         let x = v / self.unit;
-        let steps: f64 = self.shape.iter().zip(STEPS).map(|(c, width)| c * (x / width).tanh()).sum();
+        let steps: f64 = self.shape.iter().zip(STEPS).map(|(c, width)| c * tanh(x / width)).sum();
         let [odd, even] = [self.shape[STEPS.len()], self.shape[STEPS.len() + 1]];
         -self.size * (steps + odd * x * x.abs() + even * x * x)
     }

@@ -56,6 +56,7 @@ mod slip;
 mod stick_friction;
 mod stiffness_drift;
 mod stop;
+mod tanh;
 mod unit;
 mod units;
 

@@ -7,6 +7,7 @@ use plid_lsq::Normal;
 use rayon::prelude::*;
 
 use crate::case::record::Channels;
+use crate::effects::Action;
 use crate::fit::derivatives::Derivatives;
 use crate::fit::descent::{Fit, Point};
 use crate::fit::problem::{Placed, Problem};
@@ -180,7 +181,7 @@ impl Problem {
     }
 
     /// Computes the derivatives by each effect parameter, as differences of simulations. The residual is the last
-    /// column.
+    /// column. Parameters of effects on the sensors share one run.
     pub(super) fn effect_columns(
         &self,
         plant: &Plant,
@@ -196,9 +197,18 @@ impl Problem {
             step[j] = STEP;
             self.actions(&stepped(effects, &step, scales))
         };
-        let moved: Vec<_> = (0..scales.len()).map(moved).collect();
+        let on_sensors = |placed: &Placed| self.actions(std::slice::from_ref(placed)).iter().all(Action::is_on_sensors);
+        let shared: Vec<bool> = (effects.iter())
+            .flat_map(|placed| std::iter::repeat_n(on_sensors(placed), placed.parameters.len()))
+            .collect();
+        let own: Vec<_> = (0..scales.len()).filter(|&j| !shared[j]).map(moved).collect();
+        let mut own = self.residuals(plant, eta, &own, fineness).into_iter();
+        let run = || self.before_sensors(plant, eta, &[self.actions(effects)], fineness);
+        let run = if shared.contains(&true) { run() } else { Vec::new() };
         let mut values = Vec::with_capacity(residual.len() * (scales.len() + 1));
-        for moved in self.residuals(plant, eta, &moved, fineness) {
+        for (j, shared) in shared.iter().enumerate() {
+            let run = || self.residual_from(run.iter().cloned(), &moved(j));
+            let moved = if *shared { run() } else { own.next().expect("one for each parameter that takes a run") };
             values.extend(residual.iter().zip(&moved).map(|(r, m)| (r - m) / STEP));
         }
         values.extend_from_slice(residual);

@@ -5,7 +5,9 @@
 
 use std::ops::{Range, RangeInclusive};
 
-use nalgebra::{DMatrix, DVectorView, DVectorViewMut};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use nalgebra::DMatrix;
 
 use crate::case::record::{Channels, Record};
 use crate::noise::NoiseModel;
@@ -190,9 +192,14 @@ impl Whitener {
 
 /// Removes the space that a basis spans.
 fn take_out(basis: &DMatrix<f64>, white: &mut [f64]) {
-    let inside = basis.tr_mul(&DVectorView::from_slice(white, white.len()));
-    let rows = white.len();
-    DVectorViewMut::from_slice(white, rows).gemv(-1.0, basis, &inside, 1.0);
+    let (rows, columns) = basis.shape();
+    let basis = MatRef::from_column_major_slice(basis.as_slice(), rows, columns);
+    let mut inside = vec![0.0; columns];
+    let column = MatMut::from_column_major_slice_mut(&mut inside, columns, 1);
+    let white = MatMut::from_column_major_slice_mut(white, rows, 1);
+    matmul(column, Accum::Replace, basis.transpose(), white.as_ref(), 1.0, Par::Seq);
+    let inside = MatRef::from_column_major_slice(&inside, columns, 1);
+    matmul(white, Accum::Add, basis, inside, -1.0, Par::Seq);
 }
 
 /// Returns the bins from 0 to `last` that lie in the band; all of them if none does.

@@ -1,8 +1,14 @@
 //! Locations on a single mode, for an effect inside the structure that no input's port explains.
 
 use crate::case::record::Channels;
-use crate::fit::problem::Problem;
+use crate::effects::Place;
+use crate::fit::problem::{Placed, Problem};
+use crate::fit::refit::Refit;
+use crate::noise::NoiseModel;
 use crate::prepare::of_ports;
+use crate::search::price::Price;
+use crate::search::rules::Scope;
+use crate::search::stage::SearchStage;
 
 /// Returns the modes about which most of the residual of a linear model lies. `errors` are those of each fitted record
 /// (p channels).
@@ -28,6 +34,19 @@ pub fn dominant(problem: &Problem, errors: &[Channels]) -> Vec<usize> {
     order.sort_by(|&a, &b| shares[b].total_cmp(&shares[a]));
     order.truncate(search.modes);
     order
+}
+
+/// Returns by how much the best effect on a single mode alone reduces the price of the refit.
+pub fn gain_on_modes(problem: &Problem, noise: &NoiseModel, refitted: &Refit, scope: &Scope) -> f64 {
+    let quick = problem.head(scope.settings.first_samples, noise);
+    let price = Price::new(problem, scope);
+    let on_a_mode = |placed: &Placed| matches!(placed.place, Place::Port(k) if problem.setting.is_on_a_mode(k));
+    let left_out = |placed: &Placed| !on_a_mode(placed) || !scope.admits(placed);
+    let counts = [scope.settings.fitted / 2, scope.settings.polished / 2];
+    let bare = refitted.as_fit();
+    let stage = SearchStage::new(problem, &quick, &bare, None, &left_out, &price, counts);
+    let (_, fits) = stage.without(problem, &quick, &left_out, &price);
+    fits.iter().map(|fit| bare.cost - price.of(fit)).fold(0.0, f64::max)
 }
 
 impl Problem {

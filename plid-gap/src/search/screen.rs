@@ -232,9 +232,8 @@ impl Now {
     /// Returns the changes of the whitened outputs by further effects. One on the sensors needs no run.
     pub fn added(&self, base: &Base, tried: &[Tried]) -> Vec<Vec<f64>> {
         let problem = base.problem;
-        let of_sensors = |action: &Action| matches!(action, Action::Sensor(_) | Action::Noise);
         let more = |tried: &Tried| problem.actions(std::slice::from_ref(&tried.placed));
-        let without_run = tried.iter().all(|tried| more(tried).iter().all(of_sensors));
+        let without_run = tried.iter().all(|tried| more(tried).iter().all(Action::is_on_sensors));
         let with = |tried| problem.actions(base.effects).into_iter().chain(more(tried)).collect();
         let sets: Vec<Vec<Action>> = tried.iter().map(with).collect();
         let residuals = if without_run {

@@ -125,6 +125,9 @@ group! {
         /// Share of the excess of the bounded refit that must be left for effects on single modes to be tried. A cause
         /// at another place leaves more than the third digit of a shape.
         modal_left: f64 = 0.05, "1", 0.0..=1.0;
+        /// Share of what the first search explains that one effect on a single mode must explain by itself for a
+        /// search with such effects.
+        modal_gain: f64 = 0.5, "1", 0.0..=1e6;
         /// Modes on which effects are tried.
         modes: usize = 3, "modes", 1.0..=100.0;
         /// Share of the gap near a mode from which effects are tried on it.
