@@ -22,6 +22,7 @@ use crate::effects::{Library, Units};
 use crate::error::GapError;
 use crate::prepare::Known;
 use crate::settings::step::Step;
+use plid_data::prepare::trend::Trend;
 use surrogate::Surrogate;
 
 pub use rewire::Mismatch;
@@ -153,6 +154,8 @@ fn look(
         prior_std,
         model_error,
         band_hz: case.config.band_hz,
+        // Trends and a surrogate model were estimated without the held-out record.
+        may_divide: surrogate.is_none() && case.config.trend == Trend::None && !case.config.names_held_out(),
         off: off.to_vec(),
         settings: case.config.settings.clone(),
     };

@@ -168,6 +168,11 @@ pub enum Use {
 }
 
 impl RecordConfig {
+    /// Returns whether the case holds the record out.
+    pub fn is_held_out(&self) -> bool {
+        self.r#use == Some(Use::Test)
+    }
+
     /// Returns the invalid values, as key and reason; one sample in `ratio` is kept.
     fn problems(&self, ratio: usize) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();
@@ -196,6 +201,11 @@ impl RecordConfig {
 }
 
 impl CaseConfig {
+    /// Returns whether the case says which records are held out.
+    pub fn names_held_out(&self) -> bool {
+        self.record.iter().any(RecordConfig::is_held_out)
+    }
+
     /// Returns the names of the files of a case: simulation, controller and records, as they stand in it.
     pub fn files(&self) -> Vec<&str> {
         let given = self.sim.iter().chain(self.controller.iter().map(|controller| &controller.model));

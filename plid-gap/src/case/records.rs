@@ -198,18 +198,16 @@ fn rows(path: &Path, given: &RecordConfig, samples: usize) -> Result<[usize; 2],
 
 /// Returns the number of samples of each record from which trends are estimated: none of what is held out.
 fn learnt(config: &CaseConfig, records: &[data::Record]) -> Vec<usize> {
-    let is_test = |given: &RecordConfig| given.r#use == Some(Use::Test);
-    let chosen = config.record.iter().any(is_test);
     let is_driven = |given: &RecordConfig| given.excitation != ExcitationKind::Zero && given.r#use != Some(Use::Sim);
     let level = |(given, record): (&RecordConfig, &data::Record)| {
         if is_driven(given) { rms(record.inputs.iter()) } else { 0.0 }
     };
     let levels: Vec<f64> = config.record.iter().zip(records).map(level).collect();
-    let unnamed = if chosen { None } else { split::unnamed(&levels, &config.settings.case) };
+    let unnamed = if config.names_held_out() { None } else { split::unnamed(&levels, &config.settings.case) };
     let learnt = |(k, given): (usize, &RecordConfig)| {
         let samples = records[k].samples();
         match unnamed {
-            _ if is_test(given) => 0,
+            _ if given.is_held_out() => 0,
             Some(Unnamed::Whole(whole)) if k == whole => 0,
             Some(Unnamed::EndOf(one)) if k == one => split::fitted(samples, config.settings.case.held_out_share),
             _ => samples,

@@ -55,8 +55,9 @@ pub(crate) fn split(records: &[Record], settings: &CaseSettings) -> (Vec<Record>
         }
         Some(Unnamed::EndOf(one)) => {
             let at = fitted(records[one].samples(), settings.held_out_share);
-            fit[one] = head(&records[one], at);
-            (fit, vec![tail(&records[one], at, settings.held_out_share)])
+            let (head, tail) = divided(&records[one], at);
+            fit[one] = head;
+            (fit, vec![tail])
         }
     }
 }
@@ -68,19 +69,17 @@ pub(crate) fn driven<'r>(records: &'r [Record], settings: &CaseSettings) -> Vec<
     records.iter().enumerate().filter(|(k, r)| counts(*k, r)).map(|(_, r)| r).collect()
 }
 
-/// Returns the first samples of a record.
-fn head(record: &Record, samples: usize) -> Record {
-    let part = |channels: &Channels| channels.iter().map(|x| x[..samples].to_vec()).collect();
-    Record { u: part(&record.u), y: part(&record.y), simulated: record.simulated.as_ref().map(part), ..record.clone() }
-}
-
-/// Returns a record without measurements of its first samples. It is simulated from its own start and judged on the
-/// remainder.
-fn tail(record: &Record, from: usize, held_out_share: f64) -> Record {
+/// Returns the first samples of a record, and the record without measurements of them: it is simulated from its own
+/// start and judged on the remainder.
+pub(crate) fn divided(record: &Record, at: usize) -> (Record, Record) {
+    let part = |channels: &Channels| channels.iter().map(|x| x[..at].to_vec()).collect();
+    let simulated = record.simulated.as_ref().map(part);
+    let head = Record { u: part(&record.u), y: part(&record.y), simulated, ..record.clone() };
     let mut tail = record.clone();
-    tail.y.iter_mut().for_each(|y| y[..from].fill(f64::NAN));
-    tail.name = format!("the last {:.0} % of {}", 100.0 * held_out_share, record.name);
-    tail
+    tail.y.iter_mut().for_each(|y| y[..at].fill(f64::NAN));
+    let share = 1.0 - at as f64 / record.samples() as f64;
+    tail.name = format!("the last {:.0} % of {}", 100.0 * share, record.name);
+    (head, tail)
 }
 
 #[cfg(test)]

@@ -39,7 +39,11 @@ impl Effect for EndStop {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        stop::sound(setting, place, parameters)
+        stop::sound(setting, place, parameters, Sides::Both)
+    }
+
+    fn is_contact(&self) -> bool {
+        true
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

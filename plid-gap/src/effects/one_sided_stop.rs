@@ -40,12 +40,16 @@ impl Effect for OneSidedStop {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        stop::sound(setting, place, parameters)
+        stop::sound(setting, place, parameters, Sides::of(parameters[2]))
+    }
+
+    fn is_contact(&self) -> bool {
+        true
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
-        let side = if parameters[2] >= 0.0 { Sides::Above } else { Sides::Below };
-        let law = Stop { k: parameters[0], c: parameters[1], g: parameters[2].abs(), sides: side };
+        let [k, c, at] = [0, 1, 2].map(|j| parameters[j]);
+        let law = Stop { k, c, g: at.abs(), sides: Sides::of(at) };
         vec![Action::Force(setting.port(place), Box::new(law))]
     }
 }

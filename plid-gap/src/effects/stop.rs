@@ -3,7 +3,7 @@
 use super::{Force, Parameter, Place, Range, Setting};
 
 /// Frequencies over the sample rate at which an axis would bounce on the stops from which fits start. A structure with
-/// modes takes longer to simulate, and is tried with one of them alone.
+/// several modes takes longer to simulate, and is tried with one of them alone.
 const BOUNCES: [f64; 4] = [0.02, 0.05, 0.12, 0.3];
 const BOUNCE_OF_MODES: [f64; 1] = [0.12];
 
@@ -24,16 +24,18 @@ const BOUNCE_DAMPING: f64 = 0.3;
 /// within a sample or two.
 const FASTEST: f64 = 0.5;
 
-/// Range of the position of a stop, over the RMS of the displacement in the linear simulation. A stop nearer to rest is
-/// a spring or a clamp, and one farther away is not reached.
-const REACHED: [f64; 2] = [0.02, 5.0];
+/// Range of the position of a stop, over the largest displacement that was measured on its side, or over the RMS of the
+/// displacement in the linear simulation where no output measures it. A stop nearer to rest is a spring or a clamp, and
+/// one farther away is not reached.
+const REACHED: [f64; 2] = [0.02, 1.05];
+const REACHED_OF_SIMULATED: [f64; 2] = [0.02, 5.0];
 
 /// Returns k, c and the position of stops from which fits start. `ends` are the largest displacements that were
 /// measured on the sides where there may be a stop; without them, `signs` are those of the positions.
 pub(super) fn starts(setting: &Setting, place: &Place, ends: Option<&[f64]>, signs: &[f64]) -> Vec<Vec<f64>> {
     let port = setting.port(place);
     let mobility = setting.plant.mobility(port);
-    let bounces = if setting.plant.modes.is_empty() { &BOUNCES[..] } else { &BOUNCE_OF_MODES[..] };
+    let bounces = if setting.plant.modes.len() <= 1 { &BOUNCES[..] } else { &BOUNCE_OF_MODES[..] };
     let mut starts = Vec::new();
     for share in bounces {
         let w = std::f64::consts::TAU * share * setting.plant.rate;
@@ -64,12 +66,20 @@ pub(super) fn start_from(setting: &Setting, place: &Place, (name, found): (&str,
     }
 }
 
-/// Returns whether records can show such a stop.
-pub(super) fn sound(setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+/// Returns whether records can show such a stop, which is on both sides or on that of its position.
+pub(super) fn sound(setting: &Setting, place: &Place, parameters: &[f64], sides: Sides) -> bool {
     let port = setting.port(place);
     let bounce = (parameters[0] * setting.plant.mobility(port)).sqrt() / std::f64::consts::TAU;
-    let at = parameters[2].abs() / setting.d_rms[port];
-    bounce < FASTEST * setting.plant.rate && (REACHED[0]..REACHED[1]).contains(&at)
+    let end = |[low, high]: [f64; 2]| match sides {
+        Sides::Both => high.max(-low),
+        Sides::Above => high,
+        Sides::Below => -low,
+    };
+    let (size, [nearest, farthest]) = match setting.d_range[port] {
+        Some(range) => (end(range), REACHED),
+        None => (setting.d_rms[port], REACHED_OF_SIMULATED),
+    };
+    bounce < FASTEST * setting.plant.rate && (nearest * size..farthest * size).contains(&parameters[2].abs())
 }
 
 /// Stops exist where a force accelerates the axis at once and the displacement is known, at the places of linear
@@ -93,6 +103,13 @@ pub(super) enum Sides {
     Both,
     Above,
     Below,
+}
+
+impl Sides {
+    /// The side of a position.
+    pub fn of(position: f64) -> Self {
+        if position >= 0.0 { Self::Above } else { Self::Below }
+    }
 }
 
 /// A spring k with a damper c beyond a distance g from rest.

@@ -2,6 +2,7 @@
 //! properties that effects need.
 
 pub(crate) mod coloured;
+mod divide;
 pub(crate) mod wandering;
 
 use std::sync::Arc;
@@ -21,6 +22,7 @@ use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch, is_constant};
 use crate::plant::{CasePort, Mode, Plant, PortScale, SAME_ROW};
 use crate::prepare::coloured::{Coloured, coloured};
+use crate::prepare::divide::divide;
 use crate::prepare::wandering::{Wandering, wandering};
 use crate::settings::step::Step;
 use crate::settings::{GapSettings, PrepareSettings, SignalSettings};
@@ -79,6 +81,8 @@ pub struct Known {
     pub ports: Vec<CasePort>,
     /// The controller that was at work, if there was one.
     pub controller: Option<Arc<Controller>>,
+    /// Whether a part of the held-out record may be fitted.
+    pub may_divide: bool,
     /// Steps that the diagnosis skips.
     pub off: Vec<Step>,
     /// Thresholds of the diagnosis.
@@ -95,6 +99,9 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     declare(&mut plant, &known.ports)?;
     known.controller.iter().cloned().for_each(|controller| plant.close(controller));
     let (mut fitted, mut held_out) = split(records, &settings.case);
+    if known.may_divide {
+        divide(&mut fitted, &mut held_out, |records| given_errors(&plant, records), &settings.case);
+    }
     let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
         (0..plant.p).map(|o| settings.prepare.undeclared_noise * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
     });

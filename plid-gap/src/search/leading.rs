@@ -4,18 +4,21 @@ use crate::fit::free_run::errors;
 use crate::fit::problem::Problem;
 use crate::fit::refit::Refit;
 
-/// Returns the number of samples of each record that the quick fits use: `first_samples`, or more if the refit fits
-/// the first samples of a driven record much better than its remainder. A stop that is reached late, or a chirp that
-/// arrives at a resonance late, shows nothing before.
+/// Returns the number of samples of each record that the quick fits use: `first_samples`, or more if the refit or the
+/// simulation as given fits the first samples of a driven record much better than its remainder. A stop that is reached
+/// late, or a chirp that arrives at a resonance late, shows nothing before. A refit to such a record may fit it nowhere.
 pub(crate) fn leading(problem: &Problem, refitted: &Refit) -> usize {
     let settings = &problem.settings.search;
     if problem.records.iter().all(|record| record.samples() <= settings.first_samples) {
         return settings.first_samples;
     }
-    let errors = errors(problem, &refitted.eta, &[]);
-    let driven = problem.records.iter().zip(&errors).filter(|(record, _)| record.is_driven());
     let of_output = |error: &Vec<f64>| until_typical(error, settings.first_samples, settings.first_share);
-    driven.flat_map(|(_, errors)| errors.iter().map(of_output)).fold(settings.first_samples, usize::max)
+    let of_model = |eta: &[f64]| {
+        let errors = errors(problem, eta, &[]);
+        let driven = problem.records.iter().zip(&errors).filter(|(record, _)| record.is_driven());
+        driven.flat_map(|(_, errors)| errors.iter().map(of_output)).fold(settings.first_samples, usize::max)
+    };
+    of_model(&refitted.eta).max(of_model(&problem.nuisance.as_given(&refitted.eta)))
 }
 
 /// Returns the smallest number of samples, but at least `first`, whose mean square is at least this share of that of

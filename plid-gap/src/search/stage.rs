@@ -79,13 +79,16 @@ impl<'a> SearchStage<'a> {
     /// Fits the first of these entries to the first samples and to whole records. Known fits are not repeated.
     fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
         let [fitted, polished] = self.counts;
-        // The trace of a load says little where it moves a resonance by more than its width. A plant of few parameters
-        // has few numbers, and all of them are fitted.
-        let is_number = |k: usize| quick.has_numbers() && self.entries[k].placed.effect.is_number();
+        // The trace of a load says little where it moves a resonance by more than its width, and that of a contact that
+        // happens at another time. A plant of few parameters has few of both, and all of them are fitted.
+        let always = |k: usize| {
+            let effect = self.entries[k].placed.effect;
+            quick.has_numbers() && (effect.is_number() || effect.is_contact())
+        };
         let heads: Numbered<'a> = at
             .par_iter()
             .enumerate()
-            .filter(|&(rank, &k)| rank < fitted && self.entries[k].gain > 0.0 || is_number(k))
+            .filter(|&(rank, &k)| rank < fitted && self.entries[k].gain > 0.0 || always(k))
             .map(|(_, &k)| {
                 let new = || {
                     let mut all = self.from.effects.clone();

@@ -26,5 +26,8 @@ group! {
         /// Level of a record, over the loudest one, from which it may be held out. The gap of a quieter record is that
         /// of its noise.
         least_held_out_level: f64 = 0.05, "1", 0.0..=1.0;
+        /// Gap of the simulation as given in a held-out record, over that of every fitted one, from which the beginning
+        /// of that record is fitted. What only one record shows, such as a stop, must be fitted there.
+        alone_gap: f64 = 3.0, "1", 1.0..=1e6;
     }
 }

@@ -65,15 +65,16 @@ impl Axis {
 
     /// Returns a case whose sensor changes its signal before the noise.
     fn case_behind(&self, sensor: fn(&mut Vec<f64>)) -> Case {
+        self.case_of(drawn, sensor)
+    }
+
+    /// Returns a case of records with these inputs.
+    fn case_of(&self, input: fn(usize) -> Channels, sensor: fn(&mut Vec<f64>)) -> Case {
         let truth = self.truth();
         let run = |u: &Channels| {
             let mut y = integrate(&truth, u, Some(&self.force)).0;
             y.iter_mut().for_each(sensor);
             y
-        };
-        let input = |k: usize| {
-            let drawn = &random_input(k as u64 + 1, SAMPLES, 1)[0];
-            vec![(0..SAMPLES).map(|n| drawn[n / HOLD]).collect()]
         };
         let std = [0.005 * rms(&run(&input(0))[0])];
         let measure = |k: usize, u: &Channels| {
@@ -98,6 +99,12 @@ impl Axis {
         case.model = Some(Model { noise, ..simulated.simulation() });
         case
     }
+}
+
+/// Returns the input of a record.
+fn drawn(record: usize) -> Channels {
+    let drawn = &random_input(record as u64 + 1, SAMPLES, 1)[0];
+    vec![(0..SAMPLES).map(|n| drawn[n / HOLD]).collect()]
 }
 
 fn diagnosed(case: &Case) -> Diagnosis {
@@ -346,6 +353,34 @@ fn hard_stops_of_a_servo_are_named() {
         // A stop that gives way more, a little nearer, is almost as good an explanation.
         assert!((at / 0.0028 - 1.0).abs() < 0.1, "{effect}: {at}");
     }
+}
+
+/// Only the last record, which is held out, reaches the stops, and only late. Its beginning is fitted.
+#[test]
+fn stops_that_one_record_reaches_are_named() {
+    fn both(d: f64, v: f64) -> f64 {
+        stop(d, v, 0.0145) - stop(-d, -v, 0.0145)
+    }
+    fn pushed(record: usize) -> Channels {
+        let mut u = drawn(record);
+        if record == 3 {
+            u[0].iter_mut().for_each(|u| *u *= 0.8);
+            for (at, push) in [(900, 4.4), (1300, -4.4), (1700, 4.4), (2100, -4.4)] {
+                u[0][at..at + 20].fill(push);
+            }
+        }
+        u
+    }
+    let axis = Axis { mass: 1.0, c: 8.0, k: 160.0, force: both, position: true };
+    let case = axis.case_of(pushed, |_| {});
+    let reach = |k: usize| case.records[k].y[0].iter().map(|y| y.abs()).fold(0.0, f64::max);
+    assert!(reach(1).max(reach(2)) < 0.014 && reach(3) > 0.0147, "{:?}", [1, 2, 3].map(reach));
+    let found = diagnosed(&case);
+    assert_eq!(found.verdict, Verdict::Effects, "{}", found.sentence);
+    let first = first_is(&found, "end-stop", "input:u1");
+    assert!((first.parameters["g"].value / 0.0145 - 1.0).abs() < 0.02, "{}", found.sentence);
+    let [of] = found.gap.measured_on.as_slice() else { panic!("{:?}", found.gap.measured_on) };
+    assert!(of.starts_with("the last ") && of.ends_with(" of random-3"), "{of}");
 }
 
 /// Where an effect cannot act, the evidence says what to declare: a displacement, or any motion at all. A declared
