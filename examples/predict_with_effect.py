@@ -246,6 +246,9 @@ FORCES = {
     "free-damping": lambda d, v, z, p: -p["size"] * free_rate(v / p["unit"], p["s"]),
 }
 # Stiffness and damper of the steepest part of a law, which takes steps of its own.
+# The side and the distance from rest of a stop that a displacement may meet.
+STOPS = {"end-stop": lambda d, p: (math.copysign(1, d), p["g"]),
+         "one-sided-stop": lambda d, p: (math.copysign(1, p["s"]), abs(p["s"]))}
 STEEPEST = {"backlash": lambda p: (p["k"], 0.0), "end-stop": lambda p: (p["k"], p["c"]),
             "one-sided-stop": lambda p: (p["k"], p["c"])}
 # The largest force of dry friction that holds its port.
@@ -443,6 +446,21 @@ def refined(u, parts, least):
     return (np.repeat(u, least // parts, axis=1), least) if parts < least else (u, parts)
 
 
+def at_end(name, before, now, z, p):
+    """The force at the end of a part, over which it is taken to change linearly. Where a stop is reached on the way, it
+    is the one that gives the mean force of the part."""
+    end = FORCES[name](*now, z, p)
+    if name not in STOPS:
+        return end
+    side, at = STOPS[name](now[0], p)
+    first, last = side * before[0] - at, side * now[0] - at
+    if first >= 0 or last <= 0:
+        return end
+    since = last / (last - first)
+    speed = now[1] + since * (before[1] - now[1])
+    return since * (end - side * max(p["c"] * side * speed, 0.0))
+
+
 def structure(model, q, u, parts, t, forces, pushes, drifts, loop):
     """Everything between the command and the sensors, part by part."""
     (a, b), c, d = in_time(model, q), np.array(model["C"]), np.array(model["D"])
@@ -504,7 +522,9 @@ def structure(model, q, u, parts, t, forces, pushes, drifts, loop):
                             seen[j][1] = 0.0
                     if name in SLIPS:
                         z[j], passed[j] = SLIPS[name](z[j], seen[j][0] - passed[j], p), seen[j][0]
-                x += ramp[:, :count] @ (np.array(law()) - f[:count])
+                ends = [at_end(name, before[j], seen[j], z[j], p) if kept[j] is None else kept[j]
+                        for j, (name, p, _) in enumerate(forces)]
+                x += ramp[:, :count] @ (np.array(ends) - f[:count])
                 seen = (sees @ x).reshape(-1, 2).tolist()
     return y
 

@@ -120,19 +120,63 @@ pub(super) struct Stop {
     pub sides: Sides,
 }
 
-impl Force for Stop {
-    fn force(&self, d: f64, v: f64, _state: &[f64]) -> f64 {
-        let side = match self.sides {
+impl Stop {
+    /// The side on which a displacement may meet the stop.
+    fn side(&self, d: f64) -> f64 {
+        match self.sides {
             Sides::Both => d.signum(),
             Sides::Above => 1.0,
             Sides::Below => -1.0,
-        };
+        }
+    }
+}
+
+impl Force for Stop {
+    fn force(&self, d: f64, v: f64, _state: &[f64]) -> f64 {
+        let side = self.side(d);
         let x = side * d - self.g;
         // A stop pushes and never pulls.
         if x > 0.0 { -side * (self.k * x + self.c * side * v).max(0.0) } else { 0.0 }
     }
 
+    /// Where the stop is reached within the step, the damper's force begins at once, at the speed of that moment. Where
+    /// this counts for the whole step, a motion does not depend smoothly on the position of the stop.
+    fn at_end(&self, [before, v_before]: [f64; 2], [d, v]: [f64; 2], state: &[f64]) -> f64 {
+        let (side, end) = (self.side(d), self.force(d, v, state));
+        let [from, to] = [before, d].map(|d| side * d - self.g);
+        if from >= 0.0 || to <= 0.0 {
+            return end;
+        }
+        let since = to / (to - from);
+        let speed = v + since * (v_before - v);
+        since * (end - side * (self.c * side * speed).max(0.0))
+    }
+
     fn steepest(&self) -> [f64; 2] {
         [self.k, self.c]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The mean force of a step in which a stop is reached grows with the share of the step after that, from nothing to
+    /// the mean of the force at the contact and that at the end.
+    #[test]
+    fn a_stop_acts_from_where_it_is_reached() {
+        let (k, c, step, speed) = (50.0, 3.0, 0.01, 2.0);
+        for (sides, side) in [(Sides::Both, 1.0), (Sides::Both, -1.0), (Sides::Above, 1.0), (Sides::Below, -1.0)] {
+            let stop = Stop { k, c, g: 0.4, sides };
+            let mean = |since: f64| {
+                let to = 0.4 + since * step * speed;
+                let at = |d: f64| [side * d, side * speed];
+                stop.at_end(at(to - step * speed), at(to), &[]) / 2.0
+            };
+            for since in [1e-9, 0.1, 0.5, 0.9, 1.0 - 1e-9] {
+                let exact = -side * since * (c * speed + 0.5 * k * since * step * speed);
+                assert!((mean(since) - exact).abs() < 1e-9, "{since}: {} {exact}", mean(since));
+            }
+        }
     }
 }

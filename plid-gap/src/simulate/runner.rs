@@ -359,7 +359,8 @@ impl<'a, const R: usize> Runner<'a, R> {
                 law.advance(moving.path, d[r], &mut moving.state);
                 moving.path = d[r];
                 let stuck = moving.hold.as_ref().is_some_and(|hold| hold.stuck);
-                if stuck { 0.0 } else { law.force(d[r], v[r], &moving.state) - held[r] }
+                let from = [moving.d, moving.v];
+                if stuck { 0.0 } else { law.at_end(from, [d[r], v[r]], &moving.state) - held[r] }
             });
             lanes::set(forces, at_v, change);
         }

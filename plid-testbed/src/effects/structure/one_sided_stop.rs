@@ -56,7 +56,7 @@ impl Described for OneSidedStop {
     const FAMILY: Family = Family::NonlinearStructure;
     const AT: At = At::Port;
     const ON: &'static [On] = &[On::Position];
-    const PARAMETERS: &'static [&'static str] = &["k", "c", "g"];
+    const PARAMETERS: &'static [&'static str] = &["k", "c", "s"];
 
     fn start(draw: &mut Draw<'_>) -> Value {
         start_at(draw, draw.sign)
