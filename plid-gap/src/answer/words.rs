@@ -127,6 +127,10 @@ fn limits(explained: &Explained) -> Vec<String> {
                 "{effects} fitted best, but predicts the held-out records worse than the simulation without effects, \
                 so the next explanation that predicts them better was chosen."
             ),
+            Refusal::Outdone => format!(
+                "{effects} fits the records as well, but predicts the held-out ones much worse than the explanation \
+                that was chosen."
+            ),
             Refusal::BesideNoise => format!(
                 "In addition to the noise-like effects, {effects} fitted best, but most of the remaining gap is left, \
                 so it is not named."
@@ -174,7 +178,10 @@ fn nearest_other(explained: &Explained) -> Option<String> {
     let best = &found.best;
     // An explanation that replaced a refused one was fitted again, and the others were not.
     if best.effects.is_empty()
-        || explained.refused.iter().any(|(_, why)| matches!(why, Refusal::Diverges(_) | Refusal::Overfits))
+        || explained
+            .refused
+            .iter()
+            .any(|(_, why)| matches!(why, Refusal::Diverges(_) | Refusal::Overfits | Refusal::Outdone))
     {
         return None;
     }

@@ -40,7 +40,7 @@ pub fn explain<'a>(
     let settings = ready.problem.settings.search.clone();
     let scope = Scope { library, rules, settings, names, off: ready.off.clone(), bold: false, imperfect: false };
     let first = passes(ready, refitted, &scope, stage, say);
-    elsewhere(first, &scope, say).refuse_divergence().refuse_fits_to_noise().refuse_overfit()
+    elsewhere(first, &scope, say).refuse_divergence().refuse_outdone().refuse_fits_to_noise().refuse_overfit()
 }
 
 /// Searches again with locations on single modes if the first search does not suffice, and returns the second result if

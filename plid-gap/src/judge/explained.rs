@@ -52,6 +52,8 @@ pub enum Refusal {
     BesideNoise,
     /// It predicts the held-out records worse than the simulation without effects.
     Overfits,
+    /// It predicts the held-out records much worse than an explanation that fits as well.
+    Outdone,
 }
 
 impl<'a> Explained<'a> {
@@ -145,6 +147,31 @@ impl<'a> Explained<'a> {
     fn opened_gap(&self, eta: &[f64], effects: &[Placed]) -> f64 {
         let problem = &self.ready.problem;
         blocks(&opened(self), &problem.nuisance.apply(&problem.plant, eta), &problem.actions(effects)).gap()
+    }
+
+    /// Replaces the explanation by one that the fitted records cannot distinguish from it, and that predicts the
+    /// held-out records much better: stops on both sides, of which only the held-out record reaches the other one.
+    pub(crate) fn refuse_outdone(mut self) -> Self {
+        let (problem, best) = (&self.ready.problem, &self.found.best);
+        if self.ready.held_out.is_empty() || self.free_shape.is_some() || best.effects.is_empty() {
+            return self;
+        }
+        let most = self.price() + problem.settings.search.accept_gain;
+        let tied = self.found.candidates.iter().filter(|candidate| {
+            candidate.priced < most && !candidate.effects.is_empty() && !all_same(&candidate.effects, &best.effects)
+        });
+        let fitted = |c: &Candidate<'a>| polish(problem, Fit { effects: c.effects.clone(), ..best.clone() });
+        let gap = |fit: &Fit| self.opened_gap(&fit.eta, &fit.effects);
+        let JudgeSettings { most_refused, outdone, .. } = problem.settings.judge;
+        let least = outdone * gap(&self.predicting());
+        let gaps = tied.take(most_refused).map(fitted).map(|fit| (gap(&fit), fit)).filter(|(gap, _)| *gap < least);
+        let Some((_, next)) = gaps.min_by(|a, b| a.0.total_cmp(&b.0)) else { return self };
+        let next = problem.settled(&next);
+        self.offsets.clear();
+        let refused = std::mem::replace(&mut self.found.best, next).effects;
+        self.found.candidates.retain(|candidate| !all_same(&candidate.effects, &refused));
+        self.refused.push((refused, Refusal::Outdone));
+        self
     }
 
     /// Replaces the explanation of an imperfect simulation, if it predicts the held-out records worse than no effect,

@@ -95,6 +95,9 @@ group! {
         /// The effects are written into the simulation if the held-out gap with them is at most this multiple of the
         /// gap without them.
         no_worse: f64 = 1.001, "1", 1.0..=10.0;
+        /// Held-out gap of an explanation, over that of one which fits as well, below which it takes the other one's
+        /// place.
+        outdone: f64 = 0.7, "1", 0.0..=1.0;
         /// Largest number of explanations that are tried in place of one that diverges or predicts the held-out records
         /// worse than no effect; after that the refit is used.
         most_refused: usize = 5, "explanations", 1.0..=100.0;

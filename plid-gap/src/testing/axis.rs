@@ -355,7 +355,8 @@ fn hard_stops_of_a_servo_are_named() {
     }
 }
 
-/// Only the last record, which is held out, reaches the stops, and only late. Its beginning is fitted.
+/// Only the last record, which is held out, reaches the stops, and only late. Its beginning is fitted, and reaches the
+/// one above; the remainder shows that there is one below, too.
 #[test]
 fn stops_that_one_record_reaches_are_named() {
     fn both(d: f64, v: f64) -> f64 {
@@ -365,7 +366,7 @@ fn stops_that_one_record_reaches_are_named() {
         let mut u = drawn(record);
         if record == 3 {
             u[0].iter_mut().for_each(|u| *u *= 0.8);
-            for (at, push) in [(900, 4.4), (1300, -4.4), (1700, 4.4), (2100, -4.4)] {
+            for (at, push) in [(900, 4.4), (1200, 4.4), (1700, -4.4), (2000, -4.4)] {
                 u[0][at..at + 20].fill(push);
             }
         }
