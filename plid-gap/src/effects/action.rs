@@ -52,8 +52,9 @@ pub trait Force: Send + Sync {
     /// Returns the force; `state` is an internal state of [`Force::states`] numbers.
     fn force(&self, d: f64, v: f64, state: &[f64]) -> f64;
 
-    /// Returns the force at the end of a step from one displacement and velocity to another. The force is taken to change
-    /// linearly over the step. A law that switches on the way returns that which gives the mean force of the step.
+    /// Returns the force at the end of a step from one displacement and velocity to another. The force is taken to
+    /// change linearly over the step. A law that switches on the way returns that which gives the mean force of the
+    /// step.
     fn at_end(&self, _from: [f64; 2], [d, v]: [f64; 2], state: &[f64]) -> f64 {
         self.force(d, v, state)
     }

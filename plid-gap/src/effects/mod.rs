@@ -263,8 +263,9 @@ pub trait Effect: Send + Sync {
         self.is_in_refit()
     }
 
-    /// Returns whether it is a contact with something at rest. What follows a contact depends on when it happens, so the
-    /// run at a start that is slightly off resembles nothing, and the effect is fitted whatever its rank in the screen.
+    /// Returns whether it is a contact with something at rest. What follows a contact depends on when it happens, so
+    /// the run at a start that is slightly off resembles nothing, and the effect is fitted whatever its rank in the
+    /// screen.
     fn is_contact(&self) -> bool {
         false
     }

@@ -4,31 +4,40 @@ use crate::fit::free_run::errors;
 use crate::fit::problem::Problem;
 use crate::fit::refit::Refit;
 
-/// Returns the number of samples of each record that the quick fits use: `first_samples`, or more if the refit or the
-/// simulation as given fits the first samples of a driven record much better than its remainder. A stop that is reached
-/// late, or a chirp that arrives at a resonance late, shows nothing before. A refit to such a record may fit it nowhere.
+/// Returns the number of samples of each record that the quick fits use: `first_samples`, or more if the refit fits the
+/// first samples of a driven record much better than its remainder. A stop that is reached late, or a chirp that arrives
+/// at a resonance late, shows nothing before. If the refit fits the records no better than the simulation as given, that
+/// simulation counts, too: a refit to a record with a stop may fit it nowhere.
 pub(crate) fn leading(problem: &Problem, refitted: &Refit) -> usize {
     let settings = &problem.settings.search;
     if problem.records.iter().all(|record| record.samples() <= settings.first_samples) {
         return settings.first_samples;
     }
-    let of_output = |error: &Vec<f64>| until_typical(error, settings.first_samples, settings.first_share);
-    let of_model = |eta: &[f64]| {
-        let errors = errors(problem, eta, &[]);
-        let driven = problem.records.iter().zip(&errors).filter(|(record, _)| record.is_driven());
-        driven.flat_map(|(_, errors)| errors.iter().map(of_output)).fold(settings.first_samples, usize::max)
+    let errors_of = |eta: &[f64]| -> Vec<Vec<f64>> {
+        let errors = problem.records.iter().zip(errors(problem, eta, &[]));
+        errors.filter(|(record, _)| record.is_driven()).flat_map(|(_, errors)| errors).collect()
     };
-    of_model(&refitted.eta).max(of_model(&problem.nuisance.as_given(&refitted.eta)))
+    let of_refit = errors_of(&refitted.eta);
+    let as_given = errors_of(&problem.nuisance.as_given(&refitted.eta));
+    let is_no_better = of_refit.iter().zip(&as_given).map(|(refit, given)| power(refit) / power(given)).sum::<f64>()
+        >= of_refit.len() as f64;
+    let all = of_refit.iter().chain(as_given.iter().filter(|_| is_no_better));
+    let until = all.map(|error| until_typical(error, settings.first_samples, settings.first_share));
+    until.fold(settings.first_samples, usize::max)
+}
+
+/// Returns the sum of squares. A missing sample counts as zero.
+fn power(error: &[f64]) -> f64 {
+    error.iter().filter(|e| e.is_finite()).map(|e| e * e).sum()
 }
 
 /// Returns the smallest number of samples, but at least `first`, whose mean square is at least this share of that of
 /// the whole error. A missing sample counts as zero.
 fn until_typical(error: &[f64], first: usize, share: f64) -> usize {
-    let power = |e: &f64| if e.is_finite() { e * e } else { 0.0 };
-    let least = share * error.iter().map(power).sum::<f64>() / error.len().max(1) as f64;
+    let least = share * power(error) / error.len().max(1) as f64;
     let mut sum = 0.0;
     let typical = |(k, e): (usize, &f64)| {
-        sum += power(e);
+        sum += power(std::slice::from_ref(e));
         (k + 1 >= first && sum >= least * (k + 1) as f64).then_some(k + 1)
     };
     error.iter().enumerate().find_map(typical).unwrap_or(error.len())
