@@ -80,10 +80,13 @@ impl<'a> SearchStage<'a> {
     fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
         let [fitted, polished] = self.counts;
         // The trace of a load says little where it moves a resonance by more than its width, and that of a contact that
-        // happens at another time. A plant of few parameters has few of both, and all of them are fitted.
+        // happens at another time. A plant of few parameters has few of both, and all of them are fitted. An output has
+        // to measure the displacement, without which no fit of a contact starts near it.
+        let is_measured = |placed: &Placed| quick.setting.d_range[quick.setting.port(&placed.place)].is_some();
         let always = |k: usize| {
-            let effect = self.entries[k].placed.effect;
-            quick.has_numbers() && (effect.is_number() || effect.is_contact())
+            let placed = &self.entries[k].placed;
+            let is_contact = placed.effect.is_contact() && is_measured(placed);
+            quick.has_numbers() && (placed.effect.is_number() || is_contact)
         };
         let heads: Numbered<'a> = at
             .par_iter()
