@@ -10,8 +10,8 @@ const SMALL: f64 = 0.625;
 /// Returns tanh x to about two units of the last digit. The polynomials are those of Cody and Waite (Software Manual
 /// for the Elementary Functions, 1980, chapter 13).
 pub(super) fn tanh(x: f64) -> f64 {
-    const P: [f64; 3] = [-1.613_411_902_399_622_8e3, -9.922_592_967_223_608_3e1, -9.643_749_277_722_547e-1];
-    const Q: [f64; 3] = [4.840_235_707_198_868_9e3, 2.233_772_071_896_231_3e3, 1.127_447_438_053_494_9e2];
+    const P: [f64; 3] = [-1.613_411_902_399_622_8e3, -9.922_592_967_223_608e1, -9.643_749_277_722_547e-1];
+    const Q: [f64; 3] = [4.840_235_707_198_869e3, 2.233_772_071_896_231_3e3, 1.127_447_438_053_494_9e2];
     let size = x.abs();
     if size < SMALL {
         let z = x * x;
