@@ -4,10 +4,10 @@ use crate::fit::free_run::errors;
 use crate::fit::problem::Problem;
 use crate::fit::refit::Refit;
 
-/// Returns the number of samples of each record that the quick fits use: `first_samples`, or more if the refit fits the
-/// first samples of a driven record much better than its remainder. A stop that is reached late, or a chirp that arrives
-/// at a resonance late, shows nothing before. If the refit fits the records no better than the simulation as given, that
-/// simulation counts, too: a refit to a record with a stop may fit it nowhere.
+/// Returns the number of samples of each record that the quick fits use: `first_samples`, or more if the refit fits
+/// the first samples of a driven record much better than its remainder. A stop that is reached late, or a chirp that
+/// arrives at a resonance late, shows nothing before. If the refit fits the records no better than the simulation as
+/// given, that simulation counts, too: a refit to a record with a stop may fit it nowhere.
 pub(crate) fn leading(problem: &Problem, refitted: &Refit) -> usize {
     let settings = &problem.settings.search;
     if problem.records.iter().all(|record| record.samples() <= settings.first_samples) {
