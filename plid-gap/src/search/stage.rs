@@ -80,18 +80,20 @@ impl<'a> SearchStage<'a> {
     fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
         let [fitted, polished] = self.counts;
         // The trace of a load says little where it moves a resonance by more than its width, and that of a contact that
-        // happens at another time. A plant of few parameters has few of both, and all of them are fitted. An output has
-        // to measure the displacement, without which no fit of a contact starts near it.
-        let is_measured = |placed: &Placed| quick.setting.d_range[quick.setting.port(&placed.place)].is_some();
-        let always = |k: usize| {
-            let placed = &self.entries[k].placed;
-            let is_contact = placed.effect.is_contact() && is_measured(placed);
-            quick.has_numbers() && (placed.effect.is_number() || is_contact)
+        // happens at another time. A plant of few parameters has few of both, and all of them are fitted. Where no
+        // output measures the displacement, a contact could start anywhere, and it only takes the place of a clearance.
+        let is_blind = |placed: &Placed| {
+            placed.effect.is_contact() && quick.setting.d_range[quick.setting.port(&placed.place)].is_none()
+        };
+        let is_fitted = |rank: usize, k: usize| {
+            let Entry { placed, gain, .. } = &self.entries[k];
+            let always = quick.has_numbers() && (placed.effect.is_number() || placed.effect.is_contact());
+            !is_blind(placed) && (always || rank < fitted && *gain > 0.0)
         };
         let heads: Numbered<'a> = at
             .par_iter()
             .enumerate()
-            .filter(|&(rank, &k)| rank < fitted && self.entries[k].gain > 0.0 || always(k))
+            .filter(|&(rank, &k)| is_fitted(rank, k))
             .map(|(_, &k)| {
                 let new = || {
                     let mut all = self.from.effects.clone();
