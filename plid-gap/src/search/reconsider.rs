@@ -6,7 +6,7 @@ use crate::effects::{Effect, Side};
 use crate::fit::candidate::{Candidate, same};
 use crate::fit::problem::{Fit, Placed, Problem};
 use crate::search::price::{Price, imitates, material};
-use crate::search::stage::{SearchStage, polish, whether_sound};
+use crate::search::stage::{SearchStage, is_blind, polish, whether_sound};
 
 /// The effect that was added last.
 pub(super) struct Latest {
@@ -65,7 +65,10 @@ pub(super) fn related<'a>(
         let starts = effect.starts_from(&problem.setting, &found.place, (found.effect.name(), &found.parameters));
         starts.into_iter().map(move |parameters| Placed { effect, place: found.place.clone(), parameters })
     };
-    let new = |placed: &Placed| price.scope.admits(placed) && !others.iter().any(|other| same(other, placed));
+    let new = |placed: &Placed| {
+        let there = others.iter().any(|other| same(other, placed));
+        price.scope.admits(placed) && !there && !is_blind(problem, price.scope, placed)
+    };
     let may_be_there = |effect: &&dyn Effect| {
         effect.name() != found.effect.name() && effect.places(&problem.setting).contains(&found.place)
     };

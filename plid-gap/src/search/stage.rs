@@ -51,7 +51,8 @@ impl<'a> SearchStage<'a> {
         counts: [usize; 2],
     ) -> Self {
         let from = Start::new(quick, so_far, &price.scope.off);
-        let entries = screen(&from.base(quick, price.scope), price.scope.library, there);
+        let left_out = |placed: &Placed| there(placed) || is_blind(quick, price.scope, placed);
+        let entries = screen(&from.base(quick, price.scope), price.scope.library, left_out);
         let incumbent = replaces.map(|placed| {
             let fit = from.fitted(quick, &[&from.effects[..], std::slice::from_ref(placed)].concat());
             from.cost - price.of(&fit)
@@ -80,20 +81,15 @@ impl<'a> SearchStage<'a> {
     fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
         let [fitted, polished] = self.counts;
         // The trace of a load says little where it moves a resonance by more than its width, and that of a contact that
-        // happens at another time. A plant of few parameters has few of both, and all of them are fitted. Where no
-        // output measures the displacement, a contact could start anywhere, and it only takes the place of a clearance.
-        let is_blind = |placed: &Placed| {
-            placed.effect.is_contact() && quick.setting.d_range[quick.setting.port(&placed.place)].is_none()
-        };
-        let is_fitted = |rank: usize, k: usize| {
-            let Entry { placed, gain, .. } = &self.entries[k];
-            let always = quick.has_numbers() && (placed.effect.is_number() || placed.effect.is_contact());
-            !is_blind(placed) && (always || rank < fitted && *gain > 0.0)
+        // happens at another time. A plant of few parameters has few of both, and all of them are fitted.
+        let always = |k: usize| {
+            let effect = self.entries[k].placed.effect;
+            quick.has_numbers() && (effect.is_number() || effect.is_contact())
         };
         let heads: Numbered<'a> = at
             .par_iter()
             .enumerate()
-            .filter(|&(rank, &k)| is_fitted(rank, k))
+            .filter(|&(rank, &k)| rank < fitted && self.entries[k].gain > 0.0 || always(k))
             .map(|(_, &k)| {
                 let new = || {
                     let mut all = self.from.effects.clone();
@@ -218,6 +214,14 @@ impl<'a> Start<'a> {
             sized: scope.imperfect,
         }
     }
+}
+
+/// Returns whether an effect is a contact whose displacement no output measures. It could be anywhere, and a stop near
+/// rest resembles a stiffening spring, so it is not tried unless the case suspects it.
+pub(super) fn is_blind(problem: &Problem, scope: &Scope, placed: &Placed) -> bool {
+    placed.effect.is_contact()
+        && problem.setting.d_range[problem.setting.port(&placed.place)].is_none()
+        && !scope.rules.suspects(placed, &scope.names)
 }
 
 /// Returns whether the parameters are within the meaning of the effects' names.
