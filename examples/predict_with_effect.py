@@ -227,6 +227,9 @@ SENSORS = {
     "free-sensor-path": lambda x, p, t, h: free_path(x, p, (-1, 1, 2, 3)),
     "free-zero-course": lambda x, p, t, h: x + p["size"] * course(t / p["unit"], p["s"]),
 }
+# The side and the distance from rest of a stop that a displacement may meet.
+STOPS = {"end-stop": lambda d, p: (math.copysign(1, d), p["g"]),
+         "one-sided-stop": lambda d, p: (math.copysign(1, p["s"]), abs(p["s"]))}
 # Forces inside the structure, of the displacement d and the velocity v that their port sees, and of a joint's slip z.
 FORCES = {
     "cubic-stiffness": lambda d, v, z, p: -p["k"] * d**3,
@@ -236,8 +239,8 @@ FORCES = {
     "coulomb-friction": lambda d, v, z, p: -p["F"] * math.tanh(v / p["v0"]),
     "quadratic-damping": lambda d, v, z, p: -p["c"] * abs(v) * v,
     "gravity-sine": lambda d, v, z, p: p["k"] * (d - math.sin(d)),
-    "end-stop": lambda d, v, z, p: stop(d, v, math.copysign(1, d), p["g"], p),
-    "one-sided-stop": lambda d, v, z, p: stop(d, v, math.copysign(1, p["s"]), abs(p["s"]), p),
+    "end-stop": lambda d, v, z, p: stop(d, v, *STOPS["end-stop"](d, p), p),
+    "one-sided-stop": lambda d, v, z, p: stop(d, v, *STOPS["one-sided-stop"](d, p), p),
     "stick-friction": lambda d, v, z, p: 0.0 if v == 0 else
         -math.copysign(p["Fc"] + (p["Fs"] - p["Fc"]) * math.exp(-(v / p["vs"])**2), v),
     "iwan-joint": lambda d, v, z, p: p["k"] * (p["s"] * d - np.sum(p["shares"] * z)),
@@ -246,9 +249,6 @@ FORCES = {
     "free-damping": lambda d, v, z, p: -p["size"] * free_rate(v / p["unit"], p["s"]),
 }
 # Stiffness and damper of the steepest part of a law, which takes steps of its own.
-# The side and the distance from rest of a stop that a displacement may meet.
-STOPS = {"end-stop": lambda d, p: (math.copysign(1, d), p["g"]),
-         "one-sided-stop": lambda d, p: (math.copysign(1, p["s"]), abs(p["s"]))}
 STEEPEST = {"backlash": lambda p: (p["k"], 0.0), "end-stop": lambda p: (p["k"], p["c"]),
             "one-sided-stop": lambda p: (p["k"], p["c"])}
 # The largest force of dry friction that holds its port.

@@ -167,10 +167,7 @@ impl<'a> Explained<'a> {
         let gaps = tied.take(most_refused).map(fitted).map(|fit| (gap(&fit), fit)).filter(|(gap, _)| *gap < least);
         let Some((_, next)) = gaps.min_by(|a, b| a.0.total_cmp(&b.0)) else { return self };
         let next = problem.settled(&next);
-        self.offsets.clear();
-        let refused = std::mem::replace(&mut self.found.best, next).effects;
-        self.found.candidates.retain(|candidate| !all_same(&candidate.effects, &refused));
-        self.refused.push((refused, Refusal::Outdone));
+        self.give_way(next, Refusal::Outdone);
         self
     }
 
@@ -185,12 +182,17 @@ impl<'a> Explained<'a> {
         let left = left(&self.ready, &self.refitted, &next, &self.ready.noise.rms());
         self.judged.left = left * left;
         self.judged.unknown = outside(left, &self.ready.problem.settings.judge);
+        self.give_way(next, Refusal::Overfits);
+        self
+    }
+
+    /// Replaces the explanation by another one.
+    fn give_way(&mut self, next: Fit<'a>, why: Refusal) {
         self.free_shape = None;
         self.offsets.clear();
         let refused = std::mem::replace(&mut self.found.best, next).effects;
         self.found.candidates.retain(|candidate| !all_same(&candidate.effects, &refused));
-        self.refused.push((refused, Refusal::Overfits));
-        self
+        self.refused.push((refused, why));
     }
 
     /// Returns the first of the further explanations that predicts the held-out records better than no effect, if the

@@ -6,27 +6,31 @@ use crate::case::split::divided;
 use crate::settings::CaseSettings;
 
 /// Fits the first part of the held-out record, up to half of the power of its error, if the gap of the simulation as
-/// given is several times larger there than in every fitted record. The remainder stays held out. `errors` gives the
-/// errors of that simulation. The held-out end of a record is not divided again.
+/// given is several times larger there than in every fitted one. The remainder stays held out. `errors` are those of
+/// that simulation in the fitted records, to which that of the first part is added, and `error_of` gives the error in a
+/// record. The held-out end of a record is not divided again.
 pub(super) fn divide(
     fitted: &mut Vec<Record>,
     held_out: &mut [Record],
-    errors: impl Fn(&[Record]) -> Vec<Channels>,
+    errors: &mut Vec<Channels>,
+    error_of: impl Fn(&Record) -> Channels,
     settings: &CaseSettings,
 ) {
     let [held_out] = held_out else { return };
     if fitted.iter().any(|record| record.start_s == held_out.start_s) {
         return;
     }
-    let error = errors(std::slice::from_ref(held_out)).swap_remove(0);
-    let fitted_errors = errors(fitted);
-    let driven = fitted.iter().zip(&fitted_errors).filter(|(record, _)| record.is_driven());
+    let mut error = error_of(held_out);
+    let driven = fitted.iter().zip(errors.iter()).filter(|(record, _)| record.is_driven());
     let largest = driven.map(|(record, error)| gap(record, error)).fold(0.0, f64::max);
     if gap(held_out, &error) <= settings.alone_gap * largest {
         return;
     }
-    let (head, tail) = divided(held_out, half(&error));
+    let at = half(&error);
+    let (head, tail) = divided(held_out, at);
     fitted.push(Record { held_out: false, ..head });
+    error.iter_mut().for_each(|error| error.truncate(at));
+    errors.push(error);
     *held_out = tail;
 }
 
@@ -83,9 +87,10 @@ mod tests {
                 };
                 vec![(0..record.samples()).map(of).collect(); record.y.len()]
             };
-            let errors = |records: &[Record]| records.iter().map(error_of).collect();
-            divide(&mut fitted, &mut held_out, errors, &CaseSettings::default());
+            let mut errors: Vec<Channels> = fitted.iter().map(error_of).collect();
+            divide(&mut fitted, &mut held_out, &mut errors, error_of, &CaseSettings::default());
             assert_eq!(fitted.len() > others.len(), divides, "{off} {start_s}");
+            assert!(errors.iter().map(|error| error[0].len()).eq(fitted.iter().map(Record::samples)));
             let judged = held_out[0].y[0].iter().filter(|y| y.is_finite()).count();
             assert!(held_out[0].held_out && fitted.iter().all(|record| !record.held_out));
             if divides {

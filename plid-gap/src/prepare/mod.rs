@@ -99,8 +99,10 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     declare(&mut plant, &known.ports)?;
     known.controller.iter().cloned().for_each(|controller| plant.close(controller));
     let (mut fitted, mut held_out) = split(records, &settings.case);
+    let mut errors = given_errors(&plant, &fitted);
     if known.may_divide {
-        divide(&mut fitted, &mut held_out, |records| given_errors(&plant, records), &settings.case);
+        let error_of = |record: &Record| given_errors(&plant, std::slice::from_ref(record)).swap_remove(0);
+        divide(&mut fitted, &mut held_out, &mut errors, error_of, &settings.case);
     }
     let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
         (0..plant.p).map(|o| settings.prepare.undeclared_noise * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
@@ -110,7 +112,6 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     declared.model_error.clone_from(&known.model_error);
     declared.band_hz = known.band_hz;
     declared.settings.clone_from(&settings.noise);
-    let mut errors = given_errors(&plant, &fitted);
     let quantisation = quantisation::of_outputs(&fitted, &errors, &declared_sensor, &settings.signal);
     if quantisation.iter().any(|output| output.cut) {
         quantisation::mend(&mut fitted, &errors, &quantisation);
