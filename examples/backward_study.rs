@@ -184,7 +184,9 @@ fn plant_and_find(effect: &str, seed: u64, spec: GapSpec) -> Result<Found, Box<d
     };
     let drawn = match clear(seed, &found.spec) {
         Ok(drawn) => drawn,
-        Err(error @ GapError::Unreachable { .. }) => return Ok(Found { undrawn: Some(error.to_string()), ..found }),
+        Err(error @ (GapError::Unreachable { .. } | GapError::Unseen { .. })) => {
+            return Ok(Found { undrawn: Some(error.to_string()), ..found });
+        }
         Err(error) => return Err(error.into()),
     };
     let folder = tempfile::tempdir()?;

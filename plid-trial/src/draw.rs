@@ -139,9 +139,12 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
             }
             Ok(_) => {}
             // Several effects that are sound alone may be too much together.
-            Err(error @ (GapError::Unreachable { .. } | GapError::Escaped { .. } | GapError::Testbed(_))) => {
-                last = Some(error)
-            }
+            Err(
+                error @ (GapError::Unreachable { .. }
+                | GapError::Unseen { .. }
+                | GapError::Escaped { .. }
+                | GapError::Testbed(_)),
+            ) => last = Some(error),
             Err(error) => return Err(not_drawn(planned, &error)),
         }
     }

@@ -12,7 +12,7 @@ use crate::simulate::Fineness;
 /// A fit that starts from the fit to all records.
 const FROM_ALL: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
-/// An expected gap with its basis.
+/// An expected gap with its interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stated {
     /// The gap.
@@ -22,63 +22,105 @@ pub struct Stated {
 }
 
 impl Stated {
-    /// Returns the gap to expect after records that no fit has seen were predicted by all fitted ones, and left this
-    /// gap. It takes the place of the gap stated before: that one comes from models of fewer records than the answer is
-    /// fitted to, so that it is too large where each record shows something of its own. The relative width of the
-    /// interval, the scatter from record to record, stays.
-    pub fn after(self, held_out: f64) -> Self {
-        let change = held_out / self.gap;
-        if !(change.is_finite() && change > 0.0) {
-            return self;
-        }
-        Self { gap: held_out, ci80: self.ci80.map(|end| change * end) }
+    fn new(gap: f64, scatter: Scatter) -> Self {
+        let reach = scatter.reach();
+        Self { gap, ci80: [gap / reach, gap * reach] }
     }
 }
 
-/// Returns whether held-out records show what to expect of a record like the loudest fitted one: they are as loud, and
-/// together at least half as long.
+/// How far the gaps of records lie from what was expected of them.
+#[derive(Debug, Clone, Copy)]
+struct Scatter {
+    /// Number of records.
+    records: f64,
+    /// Number of records for which the expected scatter counts.
+    prior: f64,
+    /// Sum of the squared logarithms of gap over expected gap, those that were expected included.
+    square: f64,
+}
+
+impl Scatter {
+    fn with(self, off: f64) -> Self {
+        Self { records: self.records + 1.0, square: self.square + off * off, ..self }
+    }
+
+    /// Returns the factor by which 80 % of the gaps lie above or below the expected one, at most. The mean of the
+    /// records is uncertain as well.
+    fn reach(self) -> f64 {
+        let Self { records, prior, square } = self;
+        // 80 % of a normal variable lie within 1.28 standard deviations.
+        (1.28 * (square / (records + prior) * (1.0 + 1.0 / records.max(1.0))).sqrt()).exp()
+    }
+}
+
+/// Returns whether held-out records are as loud as the loudest fitted one, and [long enough](are_long).
 pub fn are_like(held_out: &[Record], loudest: &Record, same_level: f64) -> bool {
-    let as_loud = |record: &&Record| same_level * record.level() > loudest.level();
-    let samples: usize = held_out.iter().filter(as_loud).map(Record::samples).sum();
-    held_out.iter().all(|record| as_loud(&record)) && 2 * samples >= loudest.samples()
+    held_out.iter().all(|record| same_level * record.level() > loudest.level()) && are_long(held_out, loudest)
 }
 
-/// Returns the gap to expect on a record of a level, from the prediction of each fitted record by a model of the
-/// others. A record that is louder than all others is predicted part by part, from its other parts as well: what an
-/// effect does at that level cannot be told from the other records.
-pub fn stated(problem: &Problem, fit: &Fit, level: f64, noise: impl Fn(&Record) -> Whitener) -> Stated {
-    let records = &problem.records;
-    let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].is_driven()).collect();
-    let mut simulated = outputs(problem, &fit.eta, &fit.effects);
-    let same_level = problem.settings.case.same_level;
-    for &k in &driven {
-        let as_loud = |other: &&usize| **other != k && same_level * records[**other].level() > records[k].level();
-        let predicted = if driven.iter().any(|other| as_loud(&other)) {
-            by_others(problem, fit, k)
-        } else {
-            by_parts(problem, fit, k, &noise)
+/// Returns whether held-out records are together at least half as long as the loudest fitted one.
+pub fn are_long(held_out: &[Record], loudest: &Record) -> bool {
+    2 * held_out.iter().map(Record::samples).sum::<usize>() >= loudest.samples()
+}
+
+/// The free runs of all fitted records, each by a model of the others.
+pub struct Crossed<'p> {
+    records: &'p [Record],
+    simulated: Vec<Channels>,
+    scatter: Scatter,
+}
+
+impl<'p> Crossed<'p> {
+    /// Predicts each fitted record by a model of the others. A record that is louder than all others is predicted part
+    /// by part, from its other parts as well: what an effect does at that level cannot be told from the other records.
+    pub fn of(problem: &'p Problem, fit: &Fit, noise: impl Fn(&Record) -> Whitener) -> Self {
+        let records = &problem.records;
+        let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].is_driven()).collect();
+        let mut simulated = outputs(problem, &fit.eta, &fit.effects);
+        let same_level = problem.settings.case.same_level;
+        for &k in &driven {
+            let as_loud = |other: &&usize| **other != k && same_level * records[**other].level() > records[k].level();
+            let predicted = if driven.iter().any(|other| as_loud(&other)) {
+                by_others(problem, fit, k)
+            } else {
+                by_parts(problem, fit, k, &noise)
+            };
+            simulated[k] = if predicted.iter().flatten().all(|y| y.is_finite()) {
+                predicted
+            } else {
+                // A free run that diverges predicts nothing.
+                records[k].y.iter().map(|y| vec![0.0; y.len()]).collect()
+            };
+        }
+        // The deviation of each record's gap from that of its level, as a logarithm.
+        let off = |k: &usize| {
+            let found = Blocks::new(&records[*k].y, &simulated[*k], 0).gap();
+            (found / gap::expected(records, &simulated, records[*k].level())).ln()
         };
-        simulated[k] = if predicted.iter().flatten().all(|y| y.is_finite()) {
-            predicted
-        } else {
-            // A free run that diverges predicts nothing.
-            records[k].y.iter().map(|y| vec![0.0; y.len()]).collect()
-        };
+        let square: f64 = driven.iter().map(off).filter(|x| x.is_finite()).map(|x| x * x).sum();
+        let JudgeSettings { prediction_scatter, prediction_records: prior, .. } = problem.settings.judge;
+        let square = square + prediction_scatter * prediction_scatter * prior;
+        Self { records, simulated, scatter: Scatter { records: driven.len() as f64, prior, square } }
     }
-    let gap = gap::expected(records, &simulated, level);
-    // The deviation of each record's gap from that of its level, as a logarithm.
-    let off = |k: &usize| {
-        let found = Blocks::new(&records[*k].y, &simulated[*k], 0).gap();
-        (found / gap::expected(records, &simulated, records[*k].level())).ln()
-    };
-    let square: f64 = driven.iter().map(off).filter(|x| x.is_finite()).map(|x| x * x).sum();
-    let JudgeSettings { prediction_scatter, prediction_records, .. } = problem.settings.judge;
-    let known = prediction_scatter * prediction_scatter * prediction_records;
-    let count = driven.len() as f64;
-    let scatter = ((square + known) / (count + prediction_records) * (1.0 + 1.0 / count.max(1.0))).sqrt();
-    // 80 % of a normal variable lie within 1.28 standard deviations.
-    let reach = (1.28 * scatter).exp();
-    Stated { gap, ci80: [gap / reach, gap * reach] }
+
+    /// Returns the gap to expect on a record of a level.
+    pub fn at(&self, level: f64) -> Stated {
+        Stated::new(gap::expected(self.records, &self.simulated, level), self.scatter)
+    }
+
+    /// Returns the gap to expect on a record of a level after held-out records were predicted by all fitted ones, and
+    /// left this gap. The models behind `at` are fitted to fewer records than the answer, so what they state is too
+    /// large where each record shows something of its own. The held-out records show by how much.
+    pub fn in_view_of(&self, held_out: &[Record], left: f64, level: f64) -> Stated {
+        let samples: usize = held_out.iter().map(Record::samples).sum();
+        let square = |record: &Record| record.samples() as f64 * record.level().powi(2);
+        let held_out = (held_out.iter().map(square).sum::<f64>() / samples.max(1) as f64).sqrt();
+        let (stated, ratio) = (self.at(level), left / self.at(held_out).gap);
+        if !(ratio.is_finite() && ratio > 0.0) {
+            return stated;
+        }
+        Stated::new(ratio * stated.gap, self.scatter.with(ratio.ln()))
+    }
 }
 
 /// Returns the free run of a record by the model of the others.
@@ -115,4 +157,32 @@ fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: &impl Fn(&Record) 
         }
     }
     whole
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Quieter records that no fit has seen leave half of what was expected of them, so a loud one will as well.
+    #[test]
+    fn what_quieter_held_out_records_leave_counts_at_their_own_level() {
+        let noise = crate::testing::random_input(3, 4000, 1);
+        let record = |level: f64, gap: f64| {
+            let u: Vec<f64> = (0..4000).map(|k| level * (0.1 * f64::from(k)).sin()).collect();
+            let y = u.iter().zip(&noise[0]).map(|(u, e)| u + gap * (0.5_f64).sqrt() * e).collect();
+            (crate::testing::record(vec![u.clone()], vec![y]), vec![u])
+        };
+        // The error has one size, so it is a fifth as large beside the louder record.
+        let ((loud, a), (quiet, b)) = (record(1.0, 0.1), record(0.2, 0.1));
+        let scatter = Scatter { records: 2.0, prior: 4.0, square: 4.0 * 0.12_f64.powi(2) };
+        let crossed = Crossed { records: &[loud.clone(), quiet.clone()], simulated: vec![a, b], scatter };
+        let before = crossed.at(loud.level());
+        assert!((before.gap - 0.1).abs() < 0.01, "{before:?}");
+        let expected = crossed.at(quiet.level()).gap;
+        assert!(expected > 0.4, "{expected}");
+        let stated = crossed.in_view_of(&[quiet], 0.5 * expected, loud.level());
+        assert!((stated.gap / before.gap - 0.5).abs() < 1e-12, "{stated:?}");
+        // They lie so far from it that the interval becomes wider.
+        assert!(stated.ci80[1] / stated.gap > before.ci80[1] / before.gap, "{stated:?} {before:?}");
+    }
 }

@@ -12,6 +12,12 @@ const BLOCKS: usize = 24;
 /// Number of draws of a bootstrap.
 const DRAWS: usize = 400;
 
+/// Standard deviation with which the logarithm of an output's power scatters between records of one level.
+const OUTPUT_SCATTER: f64 = 0.2;
+
+/// Standard deviation of the exponent with which the power of an output grows with level^2, about 1.
+const EXPONENT_STD: f64 = 0.5;
+
 /// Squared errors and squared outputs, for each output and each block.
 #[derive(Debug, Clone)]
 pub struct Blocks {
@@ -112,19 +118,18 @@ pub fn of_driven(records: &[Record], simulated: &[Channels]) -> f64 {
 }
 
 /// Returns the gap to expect on a record of a level like `level`, from fitted ones. Each output's error power is
-/// modelled as a + b level^2 over all records, and the simulated output's power as c level^2 over the random ones. The
-/// measured output at a low level contains more noise than that. One record of a lightly damped structure scatters by a
-/// tenth.
+/// modelled as a + b level^2 over all records, and the power of the simulated output as c level^q over the random ones,
+/// where q is about 2 unless the records show otherwise, as those of a plant that saturates do. The measured output at a
+/// low level contains more noise than that. One record of a lightly damped structure scatters by a tenth.
 pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
     let p = records[0].y.len();
     let periodic = |record: &Record| matches!(record.excitation, Excitation::Periodic(_));
     let random = records.iter().any(|record| record.is_driven() && !periodic(record));
     let power = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>();
     let share = |o: usize| -> f64 {
-        // Sums over records of weight, level^2, level^4, error power, error power x level^2; and of the output over
-        // random ones.
+        // Sums over records of weight, level^2, level^4, error power and error power x level^2.
         let mut sums = [0.0; 5];
-        let (mut output, mut driven) = (0.0, 0.0);
+        let mut outputs = Vec::new();
         for (record, simulated) in records.iter().zip(simulated) {
             let measured = || record.y[o].iter().zip(&simulated[o]).filter(|(y, _)| y.is_finite());
             let samples = measured().count() as f64;
@@ -138,9 +143,9 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
             {
                 *sum += term;
             }
-            if square > 0.0 && !(random && periodic(record)) {
-                output += power(&mut measured().map(|(_, s)| *s)) / square;
-                driven += samples;
+            let output = power(&mut measured().map(|(_, s)| *s));
+            if square > 0.0 && output > 0.0 && !(random && periodic(record)) {
+                outputs.push((samples, square.ln(), (output / samples).ln()));
             }
         }
         let [w, x, xx, e, ex] = sums;
@@ -148,10 +153,26 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
         let slope = if determinant > 1e-9 * w * xx { (w * ex - x * e) / determinant } else { 0.0 };
         let slope = slope.min(e / x.max(f64::MIN_POSITIVE)).max(0.0);
         let error = (e - slope * x) / w + slope * level * level;
-        let output = output / driven.max(1.0) * level * level + error;
+        let output = output_power(&outputs, level) + error;
         error / output.max(f64::MIN_POSITIVE)
     };
     ((0..p).map(share).sum::<f64>() / p as f64).sqrt()
+}
+
+/// Returns the power of an output at a level, from the weight, the logarithm of level^2 and that of the output's power
+/// of each record. Its exponent is expected to be that of a linear plant.
+fn output_power(outputs: &[(f64, f64, f64)], level: f64) -> f64 {
+    let weight: f64 = outputs.iter().map(|(w, ..)| w).sum();
+    if weight == 0.0 {
+        return 0.0;
+    }
+    let mean = |of: &dyn Fn(f64, f64) -> f64| outputs.iter().map(|&(w, x, y)| w * of(x, y)).sum::<f64>() / weight;
+    let (x0, y0) = (mean(&|x, _| x), mean(&|_, y| y));
+    let (xx, xy) = (mean(&|x, _| (x - x0).powi(2)), mean(&|x, y| (x - x0) * (y - y0)));
+    // Bayes: the exponent of level^2 has a normal prior, and the logarithms scatter.
+    let prior = (OUTPUT_SCATTER / EXPONENT_STD).powi(2) / outputs.len() as f64;
+    let exponent = (xy + prior) / (xx + prior);
+    (y0 + exponent * (2.0 * level.ln() - x0)).exp()
 }
 
 /// Returns the gap of noise alone.
@@ -189,5 +210,21 @@ mod tests {
         let truth = 0.3 / (1.0_f64 + 0.09).sqrt();
         let stated = expected(&records, &simulated, level);
         assert!((stated / truth - 1.0).abs() < 0.02, "{stated} {truth}");
+    }
+
+    /// The output of a plant that saturates hardly grows with the level, so an error of one size stays as large beside
+    /// it.
+    #[test]
+    fn the_output_of_a_plant_that_saturates_does_not_grow_with_the_level() {
+        let error = crate::testing::random_input(1, 4000, 1).remove(0);
+        let record = |level: f64| {
+            let u: Vec<f64> = (0..4000).map(|k| level * (0.1 * f64::from(k)).sin()).collect();
+            let y: Vec<f64> = u.iter().map(|u| (1e3 * u).tanh()).collect();
+            let simulated: Vec<f64> = y.iter().zip(&error).map(|(y, e)| y + 0.2 * e).collect();
+            (crate::testing::record(vec![u], vec![y]), vec![simulated])
+        };
+        let (records, simulated): (Vec<Record>, Vec<Channels>) = [0.1, 0.3, 1.0].map(record).into_iter().unzip();
+        let stated = expected(&records, &simulated, records[2].level());
+        assert!((stated - 0.2).abs() < 0.02, "{stated}");
     }
 }

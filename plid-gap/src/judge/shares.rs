@@ -32,7 +32,8 @@ pub struct Share {
 ///
 /// Two laws at one place may be one law of another shape. Either of them then replaces most of the other, and neither
 /// closes much beside it. The one that the search found first explains most alone, and its share is that of both
-/// together. A linear one does not lead: what it leaves beside a nonlinear law shows that the law is nonlinear.
+/// together. A linear one does not lead: what it leaves beside a nonlinear law shows that the law is nonlinear. Of
+/// linear ones only, such as a gain and a lag, the one leads that closes most of the gap as given.
 pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share> {
     let problem = &explained.ready.problem;
     let fit = explained.fit();
@@ -72,13 +73,18 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
             left: (beyond(rest) / beyond(missing).max(f64::MIN_POSITIVE)).sqrt(),
         }
     };
+    // The gap that an effect leaves in the simulation as given.
+    let alone = |which: usize| blocks(&opened, &problem.plant, &problem.actions(&named[which..=which])).gap();
+    let leading = |group: &[usize]| -> usize {
+        group.iter().copied().min_by(|&a, &b| alone(a).total_cmp(&alone(b))).expect("a group has members")
+    };
     let mut shares: Vec<Share> = (0..named.len()).map(|which| of(&[which])).collect();
     for group in groups(named) {
         let sum: f64 = group.iter().map(|&which| shares[which].closed).sum();
         let together = of(&group);
         if together.closed > problem.settings.judge.replaceable * sum {
-            let first = group.iter().copied().find(|&which| !named[which].effect.is_linear());
-            shares[first.unwrap_or(group[0])] = together;
+            let nonlinear = group.iter().copied().find(|&which| !named[which].effect.is_linear());
+            shares[nonlinear.unwrap_or_else(|| leading(&group))] = together;
         }
     }
     shares

@@ -10,7 +10,7 @@ use crate::fit::free_run::run;
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Effort, Problem};
 use crate::fit::refit::refit;
-use crate::judge::crossed;
+use crate::judge::crossed::{Crossed, are_long};
 use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
 use crate::noise::whiten::Whitener;
@@ -71,8 +71,8 @@ pub struct Gap {
     /// Gap with which each fitted record is predicted by the others, stated before any held-out record was opened.
     #[serde(default)]
     pub crossed_gap: f64,
-    /// Gap to expect on a further record like the last one at full level: that of the held-out records if they are like
-    /// it, or else `crossed_gap`.
+    /// Gap to expect on a further record like the last one at full level: `crossed_gap`, times what the held-out records
+    /// left over what was expected of them at their level, if they are long enough.
     pub predicted_held_out_gap: f64,
     /// Its 80 % interval.
     #[serde(default)]
@@ -100,11 +100,11 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let problem = &ready.problem;
     let loudest = loudest(&problem.records, problem.settings.case.same_level);
     let noise = explained.noise_rms();
-    // The prediction from the fitted records is stated first. The next record is expected to leave what held-out
-    // records like it leave.
+    // The prediction from the fitted records is stated first. The held-out records then show by how much it was wrong.
     let masked = || vec![Vec::new(); problem.plant.p];
     let whitened = |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, masked());
-    let stated = crossed::stated(problem, &explained.predicting(), loudest.level(), whitened);
+    let crossed = Crossed::of(problem, &explained.predicting(), whitened);
+    let stated = crossed.at(loudest.level());
     let opened = opened(explained);
     let of = |plant: &Plant, actions: &[Action]| blocks(&opened, plant, actions);
     let given = of(&problem.plant, &[]);
@@ -129,8 +129,8 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let mut shrink_over = vec![over("bounded refit", &refit_blocks), over("free linear refit", &free_blocks)];
     shrink_over.extend(reference_blocks.as_ref().map(|blocks| over("reference effect", blocks)));
     let share = |gaps: [f64; 3]| share_of_ceiling(gaps, floor);
-    let shown = crossed::are_like(&ready.held_out, loudest, problem.settings.case.same_level);
-    let expected = if shown { stated.after(with_effect) } else { stated };
+    let shown = are_long(&ready.held_out, loudest);
+    let expected = if shown { crossed.in_view_of(&ready.held_out, with_effect, loudest.level()) } else { stated };
     Gap {
         as_given,
         refit: bounded,

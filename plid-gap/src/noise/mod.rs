@@ -1,5 +1,5 @@
-//! The noise model of the records: white sensor noise, actuator noise through the simulation, and a white force on each
-//! mode.
+//! The noise model of the records: white and slow sensor noise, actuator noise through the simulation, and a white force
+//! on each mode.
 //!
 //! S(f) = sum of theta_j h_j(f) h_j(f)^H is fitted by maximum likelihood (Whittle, Ark. Mat. 2, 1953) to the part of
 //! the records that no command explains: records without input, and differences between periods. In closed loop, the
@@ -32,6 +32,10 @@ const LEAST: f64 = 1e-9;
 
 /// Number of rounds of the fixed-point iteration, which converges linearly.
 const ROUNDS: usize = 60;
+
+/// Corners of slow sensor noise, over the sample rate. A sum of such spectra imitates any that falls with frequency,
+/// such as that of flicker noise (Keshner, Proceedings of the IEEE 70, 1982, 212).
+const CORNERS: [f64; 3] = [0.0025, 0.01, 0.04];
 
 /// Spectra of a stretch that no command explains: p channels of bins, scaled for |bin|^2 to be a power spectral density
 /// whose mean is sigma^2 for white noise.
@@ -101,6 +105,8 @@ fn detrend(x: &mut [f64]) -> usize {
 pub enum Source {
     /// White noise of one sensor.
     Sensor(usize),
+    /// Slow noise of one sensor: white noise through a low-pass of first order.
+    Slow(Slow),
     /// White noise of one input, held over samples.
     Actuator(usize),
     /// A white force on one mode.
@@ -109,6 +115,15 @@ pub enum Source {
     Ambient,
     /// A force at a port in a frequency band.
     Band(Band),
+}
+
+/// A low-pass of first order at a sensor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slow {
+    /// The output.
+    pub output: usize,
+    /// Corner in Hz.
+    pub hz: f64,
 }
 
 /// A band-pass of second order with a slope.
@@ -192,6 +207,27 @@ impl NoiseModel {
     /// Returns the number of ports of the simulation of which it was made. Ports on single modes are added later.
     pub fn ports(&self) -> usize {
         self.plant.ports.len()
+    }
+
+    /// Adds the slow noise of those sensors that have much of it in these stretches. Without it, the skirts of forces on
+    /// modes would have to represent it, and the noise at the modes themselves would be far too large.
+    pub fn with_slow(mut self, stretches: &[Stretch]) -> Self {
+        let slow = |output| CORNERS.map(|corner| Source::Slow(Slow { output, hz: corner * self.plant.rate }));
+        let all: Vec<Source> = (0..self.plant.p).flat_map(slow).collect();
+        let (with, without) = (self.fit_beside(stretches, all.iter().copied()), self.fit(stretches));
+        for output in 0..self.plant.p {
+            let of_output = |(source, theta): &(Source, f64)| match source {
+                Source::Slow(slow) if slow.output == output => Some((*source, *theta)),
+                _ => None,
+            };
+            let slow: Vec<(Source, f64)> = with.sources.iter().filter_map(of_output).collect();
+            let white = with.sensors()[output];
+            let much = slow.iter().map(|(_, theta)| theta).sum::<f64>() > self.settings.slow_power * white;
+            if much && without.misfit - with.misfit > self.settings.slow_gain {
+                self.sources.extend(slow);
+            }
+        }
+        self
     }
 
     /// Fits the variances of sensors and modal forces to stretches. The actuator noise remains as declared.
@@ -322,7 +358,10 @@ impl NoiseModel {
         // In closed loop, the controller answers to whatever enters at an output.
         let closed = |open: DVector<C>| plant.sensitivity(hz).map_or(open.clone(), |sensitivity| sensitivity * open);
         match source {
-            Source::Sensor(o) => vec![closed(DVector::from_fn(plant.p, |i, _| if i == o { C::ONE } else { C::ZERO }))],
+            Source::Sensor(o) => vec![closed(unit(plant.p, o, 1.0))],
+            Source::Slow(Slow { output, hz: corner }) => {
+                vec![closed(unit(plant.p, output, 1.0 / (1.0 + (hz / corner).powi(2)).sqrt()))]
+            }
             Source::Actuator(i) => vec![plant.response(hz).column(i).into_owned()],
             Source::Mode(k) => vec![closed(self.modal(k, hz))],
             Source::Ambient => (0..plant.modes.len()).map(|k| closed(self.modal(k, hz))).collect(),
@@ -384,6 +423,11 @@ impl NoiseModel {
     }
 }
 
+/// Returns a vector that is zero but for one entry.
+fn unit(length: usize, at: usize, value: f64) -> DVector<C> {
+    DVector::from_fn(length, |i, _| if i == at { C::from(value) } else { C::ZERO })
+}
+
 struct Row {
     /// The responses to each source.
     columns: Vec<Vec<DVector<C>>>,
@@ -425,4 +469,43 @@ fn ratios(rows: &[Row], theta: &[f64], used: &mut [bool], line_power: Option<f64
         }
     }
     (up, down)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{RATE, random_input, truss_with};
+
+    /// Sensor noise of which a part is slow is represented as such, and not by forces on the modes: in a short record, the
+    /// skirts of a slow mode imitate it, and the noise at the resonance would be far too large. White noise has no slow
+    /// part.
+    #[test]
+    fn slow_sensor_noise_is_no_force_on_the_modes() {
+        const SAMPLES: usize = 2048;
+        let model = truss_with(2, |modes, _, _| modes[0] = (12.0, 0.005));
+        let plant = Plant::new(&model).unwrap();
+        let declared = NoiseModel::declared(&plant, &[1e-3; 2], &[0.0; 2]);
+        let white = random_input(1, SAMPLES, 2);
+        let scaled = |by: f64| -> Vec<Vec<f64>> { white.iter().map(|x| x.iter().map(|x| by * x).collect()).collect() };
+        let with_slow = |noise: &[Vec<f64>]| declared.clone().with_slow(&[Stretch::new(noise)]);
+        assert_eq!(with_slow(&scaled(1e-3)).sources.len(), declared.sources.len());
+        for hz in [5.0, 20.0] {
+            let pole = (-TAU * hz / RATE).exp();
+            let mut noise = scaled(0.8e-3);
+            for (noise, fresh) in noise.iter_mut().zip(random_input(2, SAMPLES, 2)) {
+                let mut state = 0.0;
+                for (noise, fresh) in noise.iter_mut().zip(fresh) {
+                    state = pole * state + (1.0 - pole * pole).sqrt() * fresh;
+                    *noise += 0.6e-3 * state;
+                }
+            }
+            let stretch = [Stretch::new(&noise)];
+            let (found, before) = (with_slow(&noise).fit(&stretch), declared.fit(&stretch));
+            assert!(found.misfit < before.misfit - 30.0, "{hz}: {} {}", found.misfit, before.misfit);
+            for (found, before) in found.rms().into_iter().zip(before.rms()) {
+                let [found, before] = [found, before].map(|rms| (rms / 1e-3).ln().abs());
+                assert!(found < 0.15 && found < 0.5 * before, "{hz}: {found} {before}");
+            }
+        }
+    }
 }

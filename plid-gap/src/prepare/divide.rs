@@ -1,37 +1,64 @@
-//! The held-out record where it alone shows the gap. A stop that only one record reaches must be fitted where it is
-//! reached.
+//! A record that shows a gap where the others do not. A stop that one record reaches must be fitted where it is reached,
+//! and judged there as well.
 
-use crate::case::record::{Channels, Record};
+use crate::case::record::{Channels, Excitation, Record};
 use crate::case::split::divided;
 use crate::settings::CaseSettings;
 
-/// Fits the first part of the held-out record, up to half of the power of its error, if the gap of the simulation as
-/// given is several times larger there than in every fitted one. The remainder stays held out. `errors` are those of
-/// that simulation in the fitted records, to which that of the first part is added, and `error_of` gives the error in a
-/// record. The held-out end of a record is not divided again.
+/// Divides a record that shows a gap where the others do not: the held-out one, if the gap of the simulation as given is
+/// several times larger there than in every fitted one, or the fitted one with the largest gap, if that is several times
+/// larger than in the held-out one and the record is as loud. Its first part, up to half of the power of its error, is
+/// fitted, and the remainder is held out. `errors` are those of that simulation in the fitted records, and `error_of`
+/// gives the error in a record. If the held-out record is the end of another one, nothing is divided.
 pub(super) fn divide(
     fitted: &mut Vec<Record>,
-    held_out: &mut [Record],
+    held_out: &mut Vec<Record>,
     errors: &mut Vec<Channels>,
     error_of: impl Fn(&Record) -> Channels,
     settings: &CaseSettings,
 ) {
-    let [held_out] = held_out else { return };
-    if fitted.iter().any(|record| record.start_s == held_out.start_s) {
+    let [last] = held_out.as_slice() else { return };
+    if fitted.iter().any(|record| record.start_s == last.start_s) {
         return;
     }
-    let mut error = error_of(held_out);
-    let driven = fitted.iter().zip(errors.iter()).filter(|(record, _)| record.is_driven());
-    let largest = driven.map(|(record, error)| gap(record, error)).fold(0.0, f64::max);
-    if gap(held_out, &error) <= settings.alone_gap * largest {
-        return;
+    let error = error_of(last);
+    let seen = gap(last, &error);
+    let most = fitted.iter().map(Record::level).fold(last.level(), f64::max);
+    let driven = (0..fitted.len()).filter(|&k| fitted[k].is_driven()).map(|k| (k, gap(&fitted[k], &errors[k])));
+    let largest = driven.max_by(|a, b| a.1.total_cmp(&b.1));
+    if largest.is_none_or(|(_, largest)| seen > settings.alone_gap * largest) {
+        let Some(at) = middle(last, &error) else { return };
+        let (head, tail) = divided(last, at);
+        errors.push(beginning(error, at));
+        fitted.push(Record { held_out: false, ..head });
+        held_out[0] = tail;
+    } else if let Some((k, largest)) = largest
+        && largest > settings.alone_gap * seen
+        && settings.same_level * fitted[k].level() > most
+        && let Some(at) = middle(&fitted[k], &errors[k])
+    {
+        let (head, tail) = divided(&fitted[k], at);
+        errors[k] = beginning(std::mem::take(&mut errors[k]), at);
+        fitted[k] = head;
+        held_out.push(Record { held_out: true, ..tail });
     }
-    let at = half(&error);
-    let (head, tail) = divided(held_out, at);
-    fitted.push(Record { held_out: false, ..head });
-    error.iter_mut().for_each(|error| error.truncate(at));
-    errors.push(error);
-    *held_out = tail;
+}
+
+/// Returns the number of samples with half of the power of an error, rounded to whole periods; `None` if nothing would
+/// remain on one side.
+fn middle(record: &Record, error: &Channels) -> Option<usize> {
+    let at = half(error);
+    let at = match record.excitation {
+        Excitation::Periodic(period) => at.div_ceil(period) * period,
+        _ => at,
+    };
+    (0 < at && at < record.samples()).then_some(at)
+}
+
+/// Returns the first samples of all channels.
+fn beginning(mut channels: Channels, samples: usize) -> Channels {
+    channels.iter_mut().for_each(|channel| channel.truncate(samples));
+    channels
 }
 
 /// Returns the power of the finite values.
@@ -63,42 +90,75 @@ mod tests {
     use super::*;
     use crate::testing::{case, truss};
 
+    /// Returns the records of a case, all outputs of which are one, and the last of them.
+    fn records() -> (Vec<Record>, Record) {
+        let mut records = case(&truss(1), &truss(1)).records;
+        records.iter_mut().flat_map(|record| &mut record.y).for_each(|y| y.fill(1.0));
+        let last = records.pop().unwrap();
+        assert!(records.iter().any(Record::is_driven));
+        (records, last)
+    }
+
+    /// Returns errors of 2 %, except that one record is off by this from its 300th sample on.
+    fn error_in(name: &str, off: f64) -> impl Fn(&Record) -> Channels {
+        move |record: &Record| {
+            let of = |k: usize| match (record.name == name, k < 300) {
+                (false, _) => 0.02,
+                (true, true) => 0.0,
+                (true, false) => off,
+            };
+            vec![(0..record.samples()).map(of).collect(); record.y.len()]
+        }
+    }
+
+    fn finite(record: &Record) -> usize {
+        record.y[0].iter().filter(|y| y.is_finite()).count()
+    }
+
     /// The last record alone is off by half, from its 300th sample on. It is fitted up to the middle of that, and held
     /// out from there. A record that is off by as little as the others is not fitted, and an end of one is not divided.
     #[test]
     fn the_beginning_of_a_record_that_alone_shows_the_gap_is_fitted() {
-        let mut records = case(&truss(1), &truss(1)).records;
-        records.iter_mut().flat_map(|record| &mut record.y).for_each(|y| y.fill(1.0));
-        let (last, others) = records.split_last().unwrap();
-        assert!(others.iter().any(Record::is_driven));
+        let (others, last) = records();
         let (samples, before) = (last.samples(), others.last().unwrap().start_s);
         for (off, start_s, divides) in [(0.5, last.start_s, true), (0.01, last.start_s, false), (0.5, before, false)] {
-            let mut fitted = others.to_vec();
-            let mut held_out = [Record { start_s, held_out: true, ..last.clone() }];
-            let error_of = |record: &Record| -> Channels {
-                let of = |k| {
-                    if record.name != last.name {
-                        0.02
-                    } else if k < 300 {
-                        0.0
-                    } else {
-                        off
-                    }
-                };
-                vec![(0..record.samples()).map(of).collect(); record.y.len()]
-            };
-            let mut errors: Vec<Channels> = fitted.iter().map(error_of).collect();
+            let mut fitted = others.clone();
+            let mut held_out = vec![Record { start_s, held_out: true, ..last.clone() }];
+            let error_of = error_in(&last.name, off);
+            let mut errors: Vec<Channels> = fitted.iter().map(&error_of).collect();
             divide(&mut fitted, &mut held_out, &mut errors, error_of, &CaseSettings::default());
             assert_eq!(fitted.len() > others.len(), divides, "{off} {start_s}");
             assert!(errors.iter().map(|error| error[0].len()).eq(fitted.iter().map(Record::samples)));
-            let judged = held_out[0].y[0].iter().filter(|y| y.is_finite()).count();
-            assert!(held_out[0].held_out && fitted.iter().all(|record| !record.held_out));
+            assert!(held_out.len() == 1 && held_out[0].held_out && fitted.iter().all(|record| !record.held_out));
             if divides {
                 let head = fitted.last().unwrap();
                 assert!(head.samples().abs_diff(300 + (samples - 300) / 2) <= 1);
-                assert_eq!(head.samples() + judged, samples);
+                assert_eq!(head.samples() + finite(&held_out[0]), samples);
             } else {
-                assert_eq!(judged, samples);
+                assert_eq!(finite(&held_out[0]), samples);
+            }
+        }
+    }
+
+    /// A fitted record is off by half. Its end is then held out beside the last record, but not if it is so
+    /// quiet that noise may be the reason.
+    #[test]
+    fn the_end_of_a_fitted_record_that_shows_the_gap_is_held_out() {
+        let (mut others, last) = records();
+        let at = others.iter().position(Record::is_driven).unwrap();
+        others[at].name = "alone".into();
+        for quieter in [1.0, 0.1] {
+            let mut fitted = others.clone();
+            fitted[at].u.iter_mut().flatten().for_each(|u| *u *= quieter);
+            let mut held_out = vec![Record { held_out: true, ..last.clone() }];
+            let error_of = error_in("alone", 0.5);
+            let mut errors: Vec<Channels> = fitted.iter().map(&error_of).collect();
+            divide(&mut fitted, &mut held_out, &mut errors, error_of, &CaseSettings::default());
+            assert_eq!(held_out.len(), if quieter == 1.0 { 2 } else { 1 });
+            assert!(errors.iter().map(|error| error[0].len()).eq(fitted.iter().map(Record::samples)));
+            if let Some(end) = held_out.get(1) {
+                assert!(end.held_out && finite(end) > 0);
+                assert_eq!(fitted[at].samples() + finite(end), others[at].samples());
             }
         }
     }

@@ -26,8 +26,9 @@ group! {
         /// Level of a record, over the loudest one, from which it may be held out. The gap of a quieter record is that
         /// of its noise.
         least_held_out_level: f64 = 0.05, "1", 0.0..=1.0;
-        /// Gap of the simulation as given in a held-out record, over that of every fitted one, from which the beginning
-        /// of that record is fitted. What only one record shows, such as a stop, must be fitted there.
+        /// Gap of the simulation as given in the held-out record over that of every fitted one, or in a fitted one over
+        /// that of the held-out one, from which that record is divided into a fitted and a held-out part. What one
+        /// record shows, such as a stop, must be fitted and judged there.
         alone_gap: f64 = 3.0, "1", 1.0..=1e6;
     }
 }

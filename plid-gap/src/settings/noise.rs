@@ -8,6 +8,11 @@ group! {
         /// Power of a frequency bin over that of the model from which the bin contains a line rather than noise: chance
         /// e^-16.
         line_power: f64 = 16.0, "1", 1.0..=1e9;
+        /// Power of a sensor's slow noise at low frequencies, over that of its white noise, from which it is a part of
+        /// the noise model.
+        slow_power: f64 = 0.25, "1", 0.0..=1e9;
+        /// Gain in log likelihood from which slow sensor noise is a part of the noise model.
+        slow_gain: f64 = 15.0, "ln L", 0.0..=1e9;
         /// Factor in frequency about the centre of a force in a band within which bins determine the band: further
         /// away, the shape of its spectrum is unknown.
         band_range: f64 = 1.4, "1", 1.0..=100.0;

@@ -84,6 +84,14 @@ pub enum GapError {
         /// The nearest found.
         nearest: f64,
     },
+    /// No record of the case shows the effect, such as a stop that only the held-out one reaches.
+    #[error("{kind}: no record but the held-out one shows it, with a gap of {most} at most. Another seed may")]
+    Unseen {
+        /// The effect.
+        kind: String,
+        /// The largest gap that it makes in the other records.
+        most: f64,
+    },
     /// The structure moves beyond the range of its converter and stays there.
     #[error(
         "y{}: the converter clips {samples} of {of} samples; a softening joint may be too strong. Another seed may not",
@@ -151,6 +159,9 @@ pub struct GapCase {
 /// Steps within a sample for effects inside the structure and for slewing voltages.
 const STEPS_PER_SAMPLE: usize = 8;
 
+/// Gap that an effect must make in one of the records of a case, over that in the held-out one.
+const SEEN: f64 = 0.2;
+
 /// Largest share of a record that its converter may clip.
 const MOST_CLIPPED: f64 = 0.05;
 
@@ -170,7 +181,7 @@ pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
     let held_out = schedule.pop().expect("one is planned at least");
     let signals = strength::Signals::of(&drawn.base, held_out.commands.view());
     let scene = Scene { seed, spec, config: &config, drawn: &drawn, held_out: &held_out, signals: &signals };
-    let (effects, labelled) = main_effects(&scene)?;
+    let (effects, labelled) = main_effects(&scene, &schedule)?;
     let background = background::drawn(&scene, &effects)?;
 
     let all: Vec<Effect> = effects.iter().chain(&background.effects).cloned().collect();
@@ -197,14 +208,28 @@ pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
     Ok(GapCase { simulation, simulator, records, held_out: last, label: label.or_none(), effects })
 }
 
-/// The effects that the spec asks for, each at the strength that makes its gap.
-fn main_effects(scene: &Scene<'_>) -> Result<(Vec<Effect>, Vec<LabelledEffect>), GapError> {
+/// The effects that the spec asks for, each at the strength that makes its gap in the held-out record. One of the
+/// others, `schedule`, must show it.
+fn main_effects(
+    scene: &Scene<'_>,
+    schedule: &[excitation::Planned],
+) -> Result<(Vec<Effect>, Vec<LabelledEffect>), GapError> {
     let Scene { seed, spec, drawn, signals, .. } = *scene;
     let mut effects = Vec::new();
     let mut labels = Vec::new();
     for (i, wanted) in spec.effects.iter().enumerate() {
         let first = effect::drawn(seed, i, wanted, spec, drawn, signals)?;
         let (effect, gap) = scene.bench(i).reach(&first, wanted.gap)?;
+        let mut most = 0.0;
+        for planned in schedule.iter().rev().filter(|planned| planned.excitation != Excitation::Zero) {
+            most = scene.bench(i).on(planned).gap_of_one(&effect)?.max(most);
+            if most >= SEEN * wanted.gap {
+                break;
+            }
+        }
+        if most < SEEN * wanted.gap {
+            return Err(GapError::Unseen { kind: effect.kind().to_owned(), most });
+        }
         labels.push(label::labelled(&effect, wanted.gap, gap, &drawn.base, &drawn.nominal));
         effects.push(effect);
     }

@@ -96,6 +96,16 @@ const FARTHEST: f64 = 1e7;
 const TRIALS: usize = 60;
 
 impl Bench<'_> {
+    /// The same with another record.
+    pub(crate) fn on<'b>(&'b self, planned: &'b Planned) -> Bench<'b> {
+        Bench { planned, ..*self }
+    }
+
+    /// The gap that an effect makes.
+    pub(crate) fn gap_of_one(&self, effect: &Effect) -> Result<f64, GapError> {
+        self.gap_of(&self.outputs(&[])?, std::slice::from_ref(effect))
+    }
+
     /// The effect at the strength that makes the gap, and the gap that it makes.
     pub(crate) fn reach(&self, first: &Effect, target: f64) -> Result<(Effect, f64), GapError> {
         self.near(first, target, Goal::MAIN)
@@ -104,7 +114,7 @@ impl Bench<'_> {
     /// The effect at about the strength that makes the gap, found in few trials: the search starts where the effect
     /// would be if its gap grew with its strength.
     pub(crate) fn roughly(&self, first: &Effect, target: f64) -> Result<(Effect, f64), GapError> {
-        let unscaled = self.gap_of(&self.outputs(&[])?, std::slice::from_ref(first))?;
+        let unscaled = self.gap_of_one(first)?;
         let near = unscaled > 0.0 && unscaled.is_finite();
         let start = if near { first.strengthened(target / unscaled) } else { first.clone() };
         self.near(&start, target, Goal::ROUGH)

@@ -1,7 +1,10 @@
 //! Cases of bodies on axes: motors, servos, sliders, a pendulum, arms and closed loops.
 
 use nalgebra::DMatrix;
-use plid_testbed::gap::{Channels, EffectSpec, Experiment, GapCase, GapError, GapSpec, PlantKind, Simulator, draw};
+use ndarray::Array2;
+use plid_testbed::gap::{
+    Channels, EffectSpec, Excitation, Experiment, GapCase, GapError, GapRecord, GapSpec, PlantKind, Simulator, draw,
+};
 
 use crate::gap_kinds::{matrix, simulated};
 use crate::rms;
@@ -156,6 +159,29 @@ fn effects_meet_their_targets_on_every_plant_that_takes_them() {
             }
         }
     }
+}
+
+/// A stop that no record of a case reaches cannot be found in them, so such a case is not drawn.
+#[test]
+fn a_record_of_the_case_shows_its_effect() {
+    let mut unseen = 0;
+    for seed in 400..440 {
+        match draw(seed, &with("end-stop", 0.07, short(PlantKind::Slider))) {
+            Ok(case) => {
+                let size = |y: &Array2<f64>| rms(y.iter().copied());
+                let off = |record: &GapRecord| size(&(&record.outputs - &record.simulated)) / size(&record.outputs);
+                let most = case.records.iter().filter(|r| r.excitation != Excitation::Zero).map(off);
+                assert!(most.fold(0.0, f64::max) > 0.012, "seed {seed}");
+            }
+            Err(GapError::Unseen { kind, most }) => {
+                assert!(kind == "end-stop" && most < 0.014, "seed {seed}: {kind} {most}");
+                unseen += 1;
+            }
+            Err(GapError::Unreachable { .. }) => {}
+            Err(error) => panic!("seed {seed}: {error}"),
+        }
+    }
+    assert!(unseen > 0);
 }
 
 #[test]
