@@ -1,5 +1,6 @@
 //! Selection among several starting models. Each is refined on the first part of the training data and scored by its
-//! simulation of the rest; the best is then refined on all of it.
+//! simulation of the rest; the best is then refined on all of it. A start that is far worse than an earlier one was
+//! after its refinement is not refined.
 
 use nalgebra::DVector;
 use ndarray::s;
@@ -22,7 +23,7 @@ pub struct Candidate {
 #[derive(Clone, Debug)]
 pub struct Choice {
     /// The scores of each starting model, refined on the first part of the training data for white noise and then for
-    /// coloured noise. The error is infinite if the refinement failed.
+    /// coloured noise. The error is infinite if the refinement failed. A start that was not refined has one score.
     pub scores: Vec<Score>,
     /// Index of the selected entry of `scores`.
     pub chosen: usize,
@@ -35,14 +36,17 @@ pub struct Choice {
 pub struct Score {
     /// The name of the starting model.
     pub start: String,
-    /// The noise assumed in the refinement.
-    pub noise: Noise,
+    /// The noise assumed in the refinement; `None` if it was not refined because it was far worse than an earlier one.
+    pub noise: Option<Noise>,
     /// RMS of the simulation error over RMS of the output on the last part of the training data.
     pub error: f64,
 }
 
 /// The fraction of the last training record that selects the starting model.
 const DECIDING: f64 = 0.25;
+
+/// A start whose error exceeds the smallest refined one by this factor is not refined.
+const FAR: f64 = 2.0;
 
 /// Returns the records without the last quarter of the last record, which is reserved for the selection and must not be
 /// used to obtain a starting model.
@@ -78,10 +82,23 @@ pub fn best_of(
     let mut scores: Vec<Score> = Vec::new();
     let mut best: Option<(usize, Model)> = None;
     let mut reason = None;
-    for start in starts {
+    let judged = |refined: &Refined| {
+        let state = &refined.initial_states[refined.initial_states.len() - 1];
+        free_run_error(&refined.model, last, state, cut(last))
+    };
+    for (number, start) in starts.iter().enumerate() {
+        if let Some((place, _)) = best {
+            // B, D and the initial states are fitted to the start, but nothing else.
+            let unrefined = refine(&start.model, &head, &Options { iterations: 0, ..first_try.clone() }, watcher);
+            let error = unrefined.as_ref().map(&judged).unwrap_or(Ok(f64::INFINITY))?;
+            if error > FAR * scores[place].error {
+                scores.push(Score { start: start.name.clone(), noise: None, error });
+                continue;
+            }
+        }
         let mut from = start.model.clone();
-        for noise in [Noise::White, Noise::Coloured] {
-            let before = scores.len() * first_try.iterations;
+        for (kind, noise) in [Noise::White, Noise::Coloured].into_iter().enumerate() {
+            let before = (2 * number + kind) * first_try.iterations;
             let told = |done: usize, _: usize| watcher(before + done, planned);
             let error = match refine(&from, &head, &Options { noise, ..first_try.clone() }, &told) {
                 Err(RefineError::Interrupted) => return Err(RefineError::Interrupted),
@@ -90,8 +107,7 @@ pub fn best_of(
                     f64::INFINITY
                 }
                 Ok(refined) => {
-                    let state = &refined.initial_states[refined.initial_states.len() - 1];
-                    let error = free_run_error(&refined.model, last, state, cut(last))?;
+                    let error = judged(&refined)?;
                     if best.as_ref().is_none_or(|(place, _)| error < scores[*place].error) {
                         best = Some((scores.len(), refined.model.clone()));
                     }
@@ -99,13 +115,14 @@ pub fn best_of(
                     error
                 }
             };
-            scores.push(Score { start: start.name.clone(), noise, error });
+            scores.push(Score { start: start.name.clone(), noise: Some(noise), error });
         }
     }
     let Some((chosen, model)) = best else { return Err(reason.unwrap_or(RefineError::NoRecords)) };
-    let before = scores.len() * first_try.iterations;
+    let before = 2 * starts.len() * first_try.iterations;
     let told = |done: usize, _: usize| watcher(before + done, planned);
-    let refined = refine(&model, records, &Options { noise: scores[chosen].noise, ..options.clone() }, &told)?;
+    let noise = scores[chosen].noise.unwrap_or_default();
+    let refined = refine(&model, records, &Options { noise, ..options.clone() }, &told)?;
     Ok(Choice { scores, chosen, refined })
 }
 

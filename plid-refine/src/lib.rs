@@ -4,6 +4,7 @@
 //! - [`subspace`] estimates a model from the records alone and makes it stable;
 //! - [`exact`] identifies the system itself from noise-free records;
 //! - [`refine`] computes the output-error estimate from a starting model, stable by construction, with its covariance;
+//! - [`slower_start`] finds a starting model for records that are sampled much faster than they change;
 //! - [`best_of`] selects among several starting models on reserved training data;
 //! - [`slowest_radius`] limits the slowest pole;
 //! - [`fit_predictor`] fits the gain of the one-step predictor.
@@ -22,6 +23,7 @@ mod predictor;
 mod record;
 mod refine;
 mod sections;
+mod slower;
 mod subspace;
 mod uncertainty;
 mod whiten;
@@ -33,5 +35,6 @@ pub use memory::{period, slowest_radius};
 pub use predictor::{Predictor, fit_predictor};
 pub use record::{Record, Start};
 pub use refine::{Noise, Options, Refined, Watcher, refine};
+pub use slower::slower_start;
 pub use subspace::{Subspace, subspace};
 pub use uncertainty::Uncertainty;

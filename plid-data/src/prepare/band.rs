@@ -49,13 +49,19 @@ pub fn warnings(inputs: &[Band], outputs: &[Band], rate_hz: f64) -> Vec<Warning>
         .filter(|b| b.high_hz > 0.0 && b.high_hz - b.low_hz < NARROW * nyquist)
         .map(|b| Warning::NarrowBand { channel: b.channel.clone(), low_hz: b.low_hz, high_hz: b.high_hz })
         .collect();
-    let widest = |bands: &[Band]| bands.iter().map(|b| b.high_hz).fold(0.0, f64::max);
-    let band_hz = widest(inputs).min(widest(outputs));
-    if band_hz > 0.0 && band_hz < OVERSAMPLED * rate_hz {
-        let ratio = (rate_hz / (RATE_OVER_BAND * band_hz)).floor().max(1.0);
+    if let Some((band_hz, ratio)) = oversampled(inputs, outputs, rate_hz) {
         warnings.push(Warning::Oversampled { rate_hz, band_hz, suggested_hz: rate_hz / ratio });
     }
     warnings
+}
+
+/// Returns the upper edge of the band of the data in Hz and the factor by which the rate should be lower, if it is high
+/// compared with that band.
+pub fn oversampled(inputs: &[Band], outputs: &[Band], rate_hz: f64) -> Option<(f64, f64)> {
+    let widest = |bands: &[Band]| bands.iter().map(|b| b.high_hz).fold(0.0, f64::max);
+    let band_hz = widest(inputs).min(widest(outputs));
+    let high = band_hz > 0.0 && band_hz < OVERSAMPLED * rate_hz;
+    high.then(|| (band_hz, (rate_hz / (RATE_OVER_BAND * band_hz)).floor().max(1.0)))
 }
 
 /// From the longest part: the accumulated power of its spectrum. A channel that is constant has

@@ -263,6 +263,13 @@ fn decimate_all(
 }
 
 impl Prepared {
+    /// Returns the factor by which the rate could be lower without loss; one if it is not high compared with the band
+    /// of the data.
+    pub fn oversampled_by(&self) -> usize {
+        let [inputs, outputs] = &self.bands;
+        band::oversampled(inputs, outputs, self.records[0].sample_rate_hz).map_or(1, |(_, factor)| factor as usize)
+    }
+
     /// Outputs of record `record` (from 0), from its sample `first` on, in the data's units.
     /// Samples x p, measured or simulated.
     pub fn outputs_in_units(&self, record: usize, first: usize, outputs: &Array2<f64>) -> Array2<f64> {

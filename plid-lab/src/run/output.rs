@@ -128,10 +128,10 @@ pub(crate) fn with<const N: usize>(mut object: Value, optional: [(&str, Option<V
     object
 }
 
+/// The noise is absent if the start was not refined.
 fn score(score: &Score) -> Value {
-    let noise = if score.noise == Noise::Coloured { "coloured" } else { "white" };
-    let value = json!({ "start": score.start, "noise": noise });
-    with(value, [("free_run", number(score.error))])
+    let noise = score.noise.map(|noise| json!(if noise == Noise::Coloured { "coloured" } else { "white" }));
+    with(json!({ "start": score.start }), [("noise", noise), ("free_run", number(score.error))])
 }
 
 fn finite(value: f64) -> Option<f64> {

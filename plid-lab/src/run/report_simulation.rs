@@ -111,7 +111,12 @@ fn origin(outcome: &Outcome) -> String {
     };
     let Some((_, path)) = &simulation.refined else { return limit };
     let name = |score: &Score| {
-        format!("{}{}", score.start, if score.noise == Noise::Coloured { ", for coloured noise" } else { "" })
+        let how = match score.noise {
+            Some(Noise::White) => "",
+            Some(Noise::Coloured) => ", for coloured noise",
+            None => ", not refined",
+        };
+        format!("{}{how}", score.start)
     };
     let scores: Vec<String> =
         path.scores.iter().map(|score| format!("{} {}", name(score), percent(score.error))).collect();
@@ -124,8 +129,8 @@ fn origin(outcome: &Outcome) -> String {
         ),
     };
     format!(
-        "Each starting model was refined on the training data without the last quarter of the last record, and was \
-         scored on that quarter ({}). The best, {}, was refined on all training data in {} iterations {end}. \
+        "Each starting model was refined on the training data without the last quarter of the last record, unless \
+         another one was far better, and was scored on that quarter ({}). The best, {}, was refined on all training data in {} iterations {end}. \
          {limit}{at_limit}",
         scores.join("; "),
         name(&path.scores[path.chosen]),

@@ -8,7 +8,9 @@ use nalgebra::{DMatrix, DVector};
 use ndarray::{Array2, ArrayView2, Axis, CowArray, Ix2, concatenate, s};
 use plid_model::signal::error_measures;
 use plid_model::{ChannelScaling, Model, ResponseVariance, one_step_prediction, simulate, undo_scaling};
-use plid_refine::{Candidate, Noise, Options, Record, RefineError, Refined, Score, Start, Uncertainty, fit_predictor};
+use plid_refine::{
+    Candidate, Noise, Options, Record, RefineError, Refined, Score, Start, Uncertainty, fit_predictor, slower_start,
+};
 
 use super::error::RunError;
 use super::validate::Errors;
@@ -133,13 +135,6 @@ fn training<'a>(records: &'a [Aligned<'_>]) -> Vec<Record<'a>> {
         .collect()
 }
 
-/// The models from which the refinement starts.
-fn starts(recursive: &Model, subspace: Option<Model>) -> Vec<Candidate> {
-    let mut starts = vec![Candidate { name: "plid".into(), model: recursive.clone() }];
-    starts.extend(subspace.map(|model| Candidate { name: "subspace".into(), model }));
-    starts
-}
-
 /// Reports the progress and returns whether to continue.
 fn may_go_on(progress: &dyn Progress, done: usize, total: usize) -> bool {
     progress.advance(done, total);
@@ -187,9 +182,25 @@ pub(super) fn carry_out(
     if experiment.identification.refine == Refinement::OutputError {
         progress.stage("refinement");
         // A starting model must not use the quarter of the data on which it is scored.
-        let of_head = plid_refine::head(&training).and_then(|head| estimate(&head));
-        let starts = starts(scaled, of_head.ok().map(|found| found.model));
-        match plid_refine::best_of(&starts, &training, &options, &|done, total| may_go_on(progress, done, total)) {
+        let every = prepared.oversampled_by();
+        let watcher = |done, total| may_go_on(progress, done, total);
+        let batch = plid_refine::head(&training).and_then(|head| {
+            let slower = || slower_start(&head, scaled.n(), every, rate, &options, &watcher);
+            match (every > 1).then(slower) {
+                Some(Ok(model)) => Ok(("lower rate", model)),
+                Some(Err(RefineError::Interrupted)) => Err(RefineError::Interrupted),
+                // There may be too few samples at the lower rate.
+                Some(Err(_)) | None => Ok(("subspace", estimate(&head)?.model)),
+            }
+        });
+        if let Err(RefineError::Interrupted) = batch {
+            return Err(RunError::Refine(RefineError::Interrupted));
+        }
+        // The batch estimate comes first, because the recursive one is often far worse in free run.
+        let batch = batch.ok().map(|(name, model)| Candidate { name: name.into(), model });
+        let recursive = Candidate { name: "plid".into(), model: scaled.clone() };
+        let starts: Vec<Candidate> = batch.into_iter().chain([recursive]).collect();
+        match plid_refine::best_of(&starts, &training, &options, &watcher) {
             Err(RefineError::Interrupted) => return Err(RunError::Refine(RefineError::Interrupted)),
             Err(reason) => warnings.push(format!("the refined model could not be computed: {reason}")),
             Ok(choice) => {

@@ -3,10 +3,10 @@
 use crate::common;
 
 use common::{Data, options, plant, response_difference, silent, spoilt};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use ndarray::s;
 use plid_model::{ModelError, stability};
-use plid_refine::{Candidate, Record, RefineError, Start, best_of, refine};
+use plid_refine::{Candidate, Record, RefineError, Start, best_of, refine, slower_start};
 
 #[test]
 fn without_noise_the_plant_is_found_whatever_its_size_and_start() {
@@ -138,10 +138,63 @@ fn the_better_start_is_taken() {
     poor.a = -&poor.a;
     let good = Candidate { name: "good".into(), model: spoilt(&truth, 0.005) };
     let poor = Candidate { name: "poor".into(), model: poor };
-    let choice = best_of(&[poor, good], &[data.record(Start::Rest)], &options(false), &silent).unwrap();
+    let best_of =
+        |starts: &[Candidate]| best_of(starts, &[data.record(Start::Rest)], &options(false), &silent).unwrap();
+    let choice = best_of(&[poor.clone(), good.clone()]);
     assert!(choice.chosen >= 2, "{:?}", choice.scores);
     assert!(choice.scores[2].error < choice.scores[0].error);
     assert!(response_difference(&choice.refined.model, &truth) < 0.02);
+    // After the good one, the poor one is not worth a refinement.
+    let choice = best_of(&[good, poor]);
+    assert!(choice.chosen < 2 && choice.scores.len() == 3, "{:?}", choice.scores);
+    assert!(choice.scores[2].noise.is_none() && choice.scores[2].error > 2.0 * choice.scores[choice.chosen].error);
+    assert!(response_difference(&choice.refined.model, &truth) < 0.02);
+}
+
+/// Three slow modes, sampled many times faster than they move: at an eighth of the rate their poles are found, and the
+/// refinement at the records' own rate starts from there.
+#[test]
+fn a_start_is_found_at_a_lower_rate() {
+    let poles = [(0.9985_f64, 0.03_f64), (0.998, 0.06), (0.997, 0.11)];
+    let mut a = DMatrix::zeros(6, 6);
+    for (k, (radius, angle)) in poles.iter().enumerate() {
+        let (re, im) = (radius * angle.cos(), radius * angle.sin());
+        let block = DMatrix::from_row_slice(2, 2, &[re, im, -im, re]);
+        a.view_mut((2 * k, 2 * k), (2, 2)).copy_from(&block);
+    }
+    let (b, c) = (DMatrix::from_element(6, 1, 1.0), DMatrix::from_element(1, 6, 1.0));
+    let truth = plid_model::Model::new(common::RATE, a, b, c, DMatrix::zeros(1, 1)).unwrap();
+    // White noise through four low-passes lies below a fortieth of the rate.
+    let mut inputs = common::normal(31, 12_000, 1);
+    for _ in 0..4 {
+        let mut state = 0.0;
+        for u in &mut inputs {
+            state += 0.15 * (*u - state);
+            *u = state;
+        }
+    }
+    let clean = plid_model::simulate(&truth, inputs.view(), &truth.rest()).unwrap().outputs;
+    let size = (clean.iter().map(|y| y * y).sum::<f64>() / clean.len() as f64).sqrt();
+    let outputs = clean + common::normal(32, 12_000, 1) * (0.02 * size);
+    let data = Data { inputs, outputs };
+    let records = [data.record(Start::Unknown)];
+    let start = slower_start(&records, 6, 8, common::RATE, &options(false), &silent).unwrap();
+    assert_eq!(start.sample_rate_hz, common::RATE);
+    let found = start.a.complex_eigenvalues();
+    for (radius, angle) in poles {
+        let pole = nalgebra::Complex::from_polar(radius, angle);
+        let off = found.iter().map(|z| (z - pole).norm()).fold(f64::INFINITY, f64::min);
+        assert!(off < 1e-3, "{pole}: {off}");
+    }
+    let refined = refine(&start, &records, &options(false), &silent).unwrap();
+    let error = plid_refine::free_run_error(&refined.model, &records[0], &refined.initial_states[0], 0).unwrap();
+    assert!(error < 0.0202, "{error}");
+    // Too few samples at the lower rate are an error.
+    let short = [records[0].range(0, 400)];
+    assert!(matches!(
+        slower_start(&short, 6, 8, common::RATE, &options(false), &silent),
+        Err(RefineError::TooLittleData { .. })
+    ));
 }
 
 #[test]

@@ -1,0 +1,138 @@
+//! A starting model from records at a lower rate.
+//!
+//! If records are sampled many times faster than they change, neighbouring samples differ by little but noise. The
+//! windows of the subspace estimate then hold a fraction of an oscillation, and the descent from it ends in a poor
+//! minimum. Inputs and outputs are therefore passed through the same low-pass, which does not change the response from
+//! one to the other, and reduced to a lower rate, where a model is estimated and refined. With k samples of the records
+//! to one at that rate, its poles z become z^(1/k).
+
+use nalgebra::{Complex, DMatrix};
+use ndarray::{Array2, ArrayView2};
+use plid_model::Model;
+
+use crate::error::RefineError;
+use crate::record::{Record, Start};
+use crate::refine::{Noise, Options, Watcher, refine};
+use crate::subspace::subspace;
+
+/// Poles whose difference is below this share of their size count as one.
+const ONE_POLE: f64 = 1e-8;
+
+/// Returns a model with `states` states for [`refine`], from records reduced by the factor `every` in rate. Their
+/// contents should lie below 0.4 of the lower rate. Only the poles and C of the model are meaningful at the rate of the
+/// records, because B and D are fitted to them.
+///
+/// # Errors
+/// Those of [`subspace`] and of [`refine`].
+pub fn slower_start(
+    records: &[Record<'_>],
+    states: usize,
+    every: usize,
+    sample_rate_hz: f64,
+    options: &Options,
+    watcher: Watcher<'_>,
+) -> Result<Model, RefineError> {
+    let reduced: Vec<(Array2<f64>, Array2<f64>)> =
+        records.iter().map(|r| (reduced(r.inputs, every), reduced(r.outputs, every))).collect();
+    let slow: Vec<Record<'_>> = reduced
+        .iter()
+        .map(|(inputs, outputs)| Record { inputs: inputs.view(), outputs: outputs.view(), start: Start::Unknown })
+        .collect();
+    // Within a sample at the lower rate, every plant responds.
+    let options = Options {
+        radius: options.radius.powi(every as i32),
+        feedthrough: true,
+        noise: Noise::White,
+        ..options.clone()
+    };
+    let estimate = subspace(&slow, states, None, sample_rate_hz / every as f64, &options)?;
+    let mut model = refine(&estimate.model, &slow, &options, watcher)?.model;
+    model.a = root(&model.a, every);
+    model.sample_rate_hz = sample_rate_hz;
+    Ok(model)
+}
+
+/// Returns the mean of the samples about every `every`th one, with weights that fall linearly to zero at the next one.
+/// It passes nothing of what would be folded onto frequency zero. A mean over a missing sample is missing.
+fn reduced(signal: ArrayView2<'_, f64>, every: usize) -> Array2<f64> {
+    let count = (signal.nrows().saturating_sub(1) / every).saturating_sub(1);
+    Array2::from_shape_fn((count, signal.ncols()), |(j, channel)| {
+        let centre = (j + 1) * every;
+        let weighted = |k: usize| (every - k.abs_diff(centre)) as f64 * signal[(k, channel)];
+        (centre + 1 - every..centre + every).map(weighted).sum::<f64>() / (every * every) as f64
+    })
+}
+
+/// Returns the root of a block-diagonal matrix with blocks of two states and, if their number is odd, one of one state.
+/// A negative real pole has no real root, so its magnitude is taken.
+fn root(a: &DMatrix<f64>, times: usize) -> DMatrix<f64> {
+    let n = a.nrows();
+    let of_real = |x: f64| x.abs().powf(1.0 / times as f64);
+    let mut root = DMatrix::zeros(n, n);
+    for at in (0..n).step_by(2) {
+        if at + 1 == n {
+            root[(at, at)] = of_real(a[(at, at)]);
+            continue;
+        }
+        let block = a.fixed_view::<2, 2>(at, at).into_owned();
+        let centre = block.trace() / 2.0;
+        let square = centre * centre - block.determinant();
+        // f(M) = mean I + slope (M - centre I), where the eigenvalues of M are centre +- sqrt(square).
+        let (mean, slope) = if square < 0.0 {
+            let pole = Complex::new(centre, (-square).sqrt());
+            let power = Complex::from_polar(of_real(pole.norm()), pole.arg() / times as f64);
+            (power.re, power.im / pole.im)
+        } else {
+            let half = square.sqrt();
+            let (high, low) = (of_real(centre + half), of_real(centre - half));
+            let near = half <= ONE_POLE * centre.abs();
+            let slope = if near { of_real(centre) / (times as f64 * centre) } else { (high - low) / (2.0 * half) };
+            ((high + low) / 2.0, if slope.is_finite() { slope } else { 0.0 })
+        };
+        let mut to = block * slope;
+        (0..2).for_each(|i| to[(i, i)] += mean - slope * centre);
+        root.fixed_view_mut::<2, 2>(at, at).copy_from(&to);
+    }
+    root
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The powers of a root are the matrix: complex poles, two real ones, one that is double, and a single one.
+    #[test]
+    fn the_power_of_a_root_is_the_matrix() {
+        let blocks = [[0.3, 0.6, -0.6, 0.3], [0.5, 0.2, 0.3, 0.4], [0.7, 0.1, 0.0, 0.7], [-0.2, 0.8, -0.5, -0.1]];
+        let mut a = DMatrix::zeros(9, 9);
+        for (k, block) in blocks.iter().enumerate() {
+            for (i, x) in block.iter().enumerate() {
+                a[(2 * k + i / 2, 2 * k + i % 2)] = *x;
+            }
+        }
+        a[(8, 8)] = 0.35;
+        for times in [2, 5, 8] {
+            let root = root(&a, times);
+            let power = (1..times).fold(root.clone(), |power, _| power * &root);
+            assert!((&power - &a).amax() < 1e-7, "{times}: {}", (&power - &a).amax());
+        }
+        // A negative real pole keeps its magnitude.
+        assert!((root(&DMatrix::from_element(1, 1, -0.25), 2)[(0, 0)] - 0.5).abs() < 1e-15);
+    }
+
+    /// Slow sines pass, fast ones that would be folded onto them do not, and gaps stay gaps.
+    #[test]
+    fn what_is_reduced_is_low_passed() {
+        let every = 8;
+        let sine = |hz: f64| Array2::from_shape_fn((801, 1), |(k, _)| (std::f64::consts::TAU * hz * k as f64).sin());
+        let size =
+            |signal: &Array2<f64>| signal.iter().map(|x| x * x).sum::<f64>().sqrt() / (signal.len() as f64).sqrt();
+        let slow = reduced(sine(0.004).view(), every);
+        assert!((slow.nrows(), slow.ncols()) == (99, 1) && (size(&slow) * 2_f64.sqrt() - 1.0).abs() < 0.02);
+        assert!(size(&reduced(sine(1.0 / 8.0 + 0.004).view(), every)) < 0.01);
+        let mut gap = sine(0.004);
+        gap[(400, 0)] = f64::NAN;
+        let gaps = reduced(gap.view(), every).iter().filter(|x| x.is_nan()).count();
+        assert!((1..=2).contains(&gaps), "{gaps}");
+    }
+}
