@@ -119,8 +119,8 @@ pub fn of_driven(records: &[Record], simulated: &[Channels]) -> f64 {
 
 /// Returns the gap to expect on a record of a level like `level`, from fitted ones. Each output's error power is
 /// modelled as a + b level^2 over all records, and the power of the simulated output as c level^q over the random ones,
-/// where q is about 2 unless the records show otherwise, as those of a plant that saturates do. The measured output at a
-/// low level contains more noise than that. One record of a lightly damped structure scatters by a tenth.
+/// where q is about 2 unless the records show otherwise, as those of a plant that saturates do. The measured output at
+/// a low level contains more noise than that. One record of a lightly damped structure scatters by a tenth.
 pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
     let p = records[0].y.len();
     let periodic = |record: &Record| matches!(record.excitation, Excitation::Periodic(_));

@@ -71,8 +71,8 @@ pub struct Gap {
     /// Gap with which each fitted record is predicted by the others, stated before any held-out record was opened.
     #[serde(default)]
     pub crossed_gap: f64,
-    /// Gap to expect on a further record like the last one at full level: `crossed_gap`, times what the held-out records
-    /// left over what was expected of them at their level, if they are long enough.
+    /// Gap to expect on a further record like the last one at full level: `crossed_gap`, times what the held-out
+    /// records left over what was expected of them at their level, if they are long enough.
     pub predicted_held_out_gap: f64,
     /// Its 80 % interval.
     #[serde(default)]

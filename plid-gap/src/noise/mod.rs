@@ -1,5 +1,5 @@
-//! The noise model of the records: white and slow sensor noise, actuator noise through the simulation, and a white force
-//! on each mode.
+//! The noise model of the records: white and slow sensor noise, actuator noise through the simulation, and a white
+//! force on each mode.
 //!
 //! S(f) = sum of theta_j h_j(f) h_j(f)^H is fitted by maximum likelihood (Whittle, Ark. Mat. 2, 1953) to the part of
 //! the records that no command explains: records without input, and differences between periods. In closed loop, the
@@ -209,8 +209,8 @@ impl NoiseModel {
         self.plant.ports.len()
     }
 
-    /// Adds the slow noise of those sensors that have much of it in these stretches. Without it, the skirts of forces on
-    /// modes would have to represent it, and the noise at the modes themselves would be far too large.
+    /// Adds the slow noise of those sensors that have much of it in these stretches. Without it, the skirts of forces
+    /// on modes would have to represent it, and the noise at the modes themselves would be far too large.
     pub fn with_slow(mut self, stretches: &[Stretch]) -> Self {
         let slow = |output| CORNERS.map(|corner| Source::Slow(Slow { output, hz: corner * self.plant.rate }));
         let all: Vec<Source> = (0..self.plant.p).flat_map(slow).collect();
@@ -476,9 +476,9 @@ mod tests {
     use super::*;
     use crate::testing::{RATE, random_input, truss_with};
 
-    /// Sensor noise of which a part is slow is represented as such, and not by forces on the modes: in a short record, the
-    /// skirts of a slow mode imitate it, and the noise at the resonance would be far too large. White noise has no slow
-    /// part.
+    /// Sensor noise of which a part is slow is represented as such, and not by forces on the modes: in a short record,
+    /// the skirts of a slow mode imitate it, and the noise at the resonance would be far too large. White noise has no
+    /// slow part.
     #[test]
     fn slow_sensor_noise_is_no_force_on_the_modes() {
         const SAMPLES: usize = 2048;

@@ -1,15 +1,15 @@
-//! A record that shows a gap where the others do not. A stop that one record reaches must be fitted where it is reached,
-//! and judged there as well.
+//! A record that shows a gap where the others do not. A stop that one record reaches must be fitted where it is
+//! reached, and judged there as well.
 
 use crate::case::record::{Channels, Excitation, Record};
 use crate::case::split::divided;
 use crate::settings::CaseSettings;
 
-/// Divides a record that shows a gap where the others do not: the held-out one, if the gap of the simulation as given is
-/// several times larger there than in every fitted one, or the fitted one with the largest gap, if that is several times
-/// larger than in the held-out one and the record is as loud. Its first part, up to half of the power of its error, is
-/// fitted, and the remainder is held out. `errors` are those of that simulation in the fitted records, and `error_of`
-/// gives the error in a record. If the held-out record is the end of another one, nothing is divided.
+/// Divides a record that shows a gap where the others do not: the held-out one, if the gap of the simulation as given
+/// is several times larger there than in every fitted one, or the fitted one with the largest gap, if that is several
+/// times larger than in the held-out one and the record is as loud. Its first part, up to half of the power of its
+/// error, is fitted, and the remainder is held out. `errors` are those of that simulation in the fitted records, and
+/// `error_of` gives the error in a record. If the held-out record is the end of another one, nothing is divided.
 pub(super) fn divide(
     fitted: &mut Vec<Record>,
     held_out: &mut Vec<Record>,

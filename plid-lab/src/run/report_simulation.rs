@@ -130,8 +130,8 @@ fn origin(outcome: &Outcome) -> String {
     };
     format!(
         "Each starting model was refined on the training data without the last quarter of the last record, unless \
-         another one was far better, and was scored on that quarter ({}). The best, {}, was refined on all training data in {} iterations {end}. \
-         {limit}{at_limit}",
+         another one was far better, and was scored on that quarter ({}). The best, {}, was refined on all training \
+         data in {} iterations {end}. {limit}{at_limit}",
         scores.join("; "),
         name(&path.scores[path.chosen]),
         path.iterations

@@ -86,7 +86,11 @@ fn the_refined_model_finds_the_plant_with_as_many_states_as_it_has() {
         assert_eq!(refined.free_run_errors.samples, outcome.validation.free_run_errors.samples);
         assert!(refined.one_step_errors.as_ref().unwrap().relative[0] < 1.2 * floor);
         assert_eq!(refined.model.d.iter().any(|d| *d != 0.0), direct);
-        assert!(path.poles_at_limit == 0 && path.scores.len() == 4);
+        // The recursive model, far worse where D costs it states, may not be worth a refinement.
+        let starts: Vec<&str> = path.scores.iter().map(|score| score.start.as_str()).collect();
+        let recursive = if path.scores[2].noise.is_some() { 2 } else { 1 };
+        assert_eq!(starts, [["subspace"; 2].as_slice(), &["plid"; 2][..recursive]].concat());
+        assert!(path.poles_at_limit == 0 && path.chosen < starts.len());
         // The band is in the data's units: the second output's is a thousand times the first's in size.
         let std = path.response_variance(&[9.5]).unwrap()[0].magnitude_std();
         assert!((100.0..10_000.0).contains(&(std[(1, 0)] / std[(0, 0)])), "{std}");
