@@ -9,7 +9,8 @@ use ndarray::{Array2, ArrayView2, Axis, CowArray, Ix2, concatenate, s};
 use plid_model::signal::error_measures;
 use plid_model::{ChannelScaling, Model, ResponseVariance, one_step_prediction, simulate, undo_scaling};
 use plid_refine::{
-    Candidate, Noise, Options, Record, RefineError, Refined, Score, Start, Uncertainty, fit_predictor, slower_start,
+    Candidate, Noise, Options, Record, RefineError, Refined, Score, Start, Uncertainty, Watcher, fit_predictor,
+    slower_start, subspace,
 };
 
 use super::error::RunError;
@@ -135,6 +136,38 @@ fn training<'a>(records: &'a [Aligned<'_>]) -> Vec<Record<'a>> {
         .collect()
 }
 
+/// Returns the models from which the refinement starts: an estimate from all samples at once, and the recursive one.
+/// The former comes first, because the latter is often far worse in free run. If the rate is `every` times as high as
+/// it need be, it is found at the lower rate.
+///
+/// # Errors
+/// Returns [`RefineError::Interrupted`] if the user interrupts the run.
+fn starts(
+    recursive: &Model,
+    training: &[Record<'_>],
+    every: usize,
+    options: &Options,
+    watcher: Watcher<'_>,
+) -> Result<Vec<Candidate>, RunError> {
+    let (states, rate) = (recursive.n(), recursive.sample_rate_hz);
+    // A starting model must not use the quarter of the data on which it is scored.
+    let batch = plid_refine::head(training).and_then(|head| {
+        let slower = || slower_start(&head, states, every, rate, options, watcher);
+        match (every > 1).then(slower) {
+            Some(Ok(model)) => Ok(("lower rate", model)),
+            Some(Err(RefineError::Interrupted)) => Err(RefineError::Interrupted),
+            // There may be too few samples at the lower rate.
+            Some(Err(_)) | None => Ok(("subspace", subspace(&head, states, None, rate, options)?.model)),
+        }
+    });
+    if let Err(RefineError::Interrupted) = batch {
+        return Err(RunError::Refine(RefineError::Interrupted));
+    }
+    let batch = batch.ok().map(|(name, model)| Candidate { name: name.into(), model });
+    let recursive = Candidate { name: "plid".into(), model: recursive.clone() };
+    Ok(batch.into_iter().chain([recursive]).collect())
+}
+
 /// Reports the progress and returns whether to continue.
 fn may_go_on(progress: &dyn Progress, done: usize, total: usize) -> bool {
     progress.advance(done, total);
@@ -174,32 +207,14 @@ pub(super) fn carry_out(
     let mut warnings = Vec::new();
 
     progress.stage("subspace estimate");
-    let estimate = |records: &[Record<'_>]| plid_refine::subspace(records, scaled.n(), None, rate, &options);
-    match estimate(&training) {
+    match subspace(&training, scaled.n(), None, rate, &options) {
         Ok(found) => simulation.subspace = Some(bench.judge(found.model, &found.initial_states)?),
         Err(reason) => warnings.push(format!("the subspace estimate could not be computed: {reason}")),
     }
     if experiment.identification.refine == Refinement::OutputError {
         progress.stage("refinement");
-        // A starting model must not use the quarter of the data on which it is scored.
-        let every = prepared.oversampled_by();
         let watcher = |done, total| may_go_on(progress, done, total);
-        let batch = plid_refine::head(&training).and_then(|head| {
-            let slower = || slower_start(&head, scaled.n(), every, rate, &options, &watcher);
-            match (every > 1).then(slower) {
-                Some(Ok(model)) => Ok(("lower rate", model)),
-                Some(Err(RefineError::Interrupted)) => Err(RefineError::Interrupted),
-                // There may be too few samples at the lower rate.
-                Some(Err(_)) | None => Ok(("subspace", estimate(&head)?.model)),
-            }
-        });
-        if let Err(RefineError::Interrupted) = batch {
-            return Err(RunError::Refine(RefineError::Interrupted));
-        }
-        // The batch estimate comes first, because the recursive one is often far worse in free run.
-        let batch = batch.ok().map(|(name, model)| Candidate { name: name.into(), model });
-        let recursive = Candidate { name: "plid".into(), model: scaled.clone() };
-        let starts: Vec<Candidate> = batch.into_iter().chain([recursive]).collect();
+        let starts = starts(scaled, &training, prepared.oversampled_by(), &options, &watcher)?;
         match plid_refine::best_of(&starts, &training, &options, &watcher) {
             Err(RefineError::Interrupted) => return Err(RunError::Refine(RefineError::Interrupted)),
             Err(reason) => warnings.push(format!("the refined model could not be computed: {reason}")),
