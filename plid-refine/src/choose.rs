@@ -80,20 +80,23 @@ pub fn best_of(
     let first_try = Options { iterations: options.iterations.div_ceil(3), ..options.clone() };
     let planned = 2 * starts.len() * first_try.iterations + options.iterations;
     let mut scores: Vec<Score> = Vec::new();
-    let mut best: Option<(usize, Model)> = None;
+    let mut best: Option<(usize, Noise, Model)> = None;
     let mut reason = None;
     let judged = |refined: &Refined| {
         let state = &refined.initial_states[refined.initial_states.len() - 1];
         free_run_error(&refined.model, last, state, cut(last))
     };
     for (number, start) in starts.iter().enumerate() {
-        if let Some((place, _)) = best {
+        if let Some((place, ..)) = best {
             // B, D and the initial states are fitted to the start, but nothing else.
-            let unrefined = refine(&start.model, &head, &Options { iterations: 0, ..first_try.clone() }, watcher);
-            let error = unrefined.as_ref().map(&judged).unwrap_or(Ok(f64::INFINITY))?;
-            if error > FAR * scores[place].error {
-                scores.push(Score { start: start.name.clone(), noise: None, error });
-                continue;
+            let only_fitted = Options { iterations: 0, ..first_try.clone() };
+            let told = |_: usize, _: usize| watcher(2 * number * first_try.iterations, planned);
+            if let Ok(unrefined) = refine(&start.model, &head, &only_fitted, &told) {
+                let error = judged(&unrefined)?;
+                if error > FAR * scores[place].error {
+                    scores.push(Score { start: start.name.clone(), noise: None, error });
+                    continue;
+                }
             }
         }
         let mut from = start.model.clone();
@@ -108,8 +111,8 @@ pub fn best_of(
                 }
                 Ok(refined) => {
                     let error = judged(&refined)?;
-                    if best.as_ref().is_none_or(|(place, _)| error < scores[*place].error) {
-                        best = Some((scores.len(), refined.model.clone()));
+                    if best.as_ref().is_none_or(|(place, ..)| error < scores[*place].error) {
+                        best = Some((scores.len(), noise, refined.model.clone()));
                     }
                     from = refined.model;
                     error
@@ -118,10 +121,9 @@ pub fn best_of(
             scores.push(Score { start: start.name.clone(), noise: Some(noise), error });
         }
     }
-    let Some((chosen, model)) = best else { return Err(reason.unwrap_or(RefineError::NoRecords)) };
+    let Some((chosen, noise, model)) = best else { return Err(reason.unwrap_or(RefineError::NoRecords)) };
     let before = 2 * starts.len() * first_try.iterations;
     let told = |done: usize, _: usize| watcher(before + done, planned);
-    let noise = scores[chosen].noise.unwrap_or_default();
     let refined = refine(&model, records, &Options { noise, ..options.clone() }, &told)?;
     Ok(Choice { scores, chosen, refined })
 }

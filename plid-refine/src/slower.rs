@@ -2,42 +2,35 @@
 //!
 //! If records are sampled many times faster than they change, neighbouring samples differ by little but noise. The
 //! windows of the subspace estimate then hold a fraction of an oscillation, and the descent from it ends in a poor
-//! minimum. Inputs and outputs are therefore passed through the same low-pass, which does not change the response from
-//! one to the other, and reduced to a lower rate, where a model is estimated and refined. With k samples of the records
-//! to one at that rate, its poles z become z^(1/k).
+//! minimum. A model is therefore estimated and refined at a lower rate. With k samples of the records to one at that
+//! rate, its poles z become z^(1/k).
 
 use nalgebra::{Complex, DMatrix};
-use ndarray::{Array2, ArrayView2};
 use plid_model::Model;
 
 use crate::error::RefineError;
-use crate::record::{Record, Start};
+use crate::record::Record;
 use crate::refine::{Noise, Options, Watcher, refine};
 use crate::subspace::subspace;
 
 /// Poles whose difference is below this share of their size count as one.
 const ONE_POLE: f64 = 1e-8;
 
-/// Returns a model with `states` states for [`refine`], from records reduced by the factor `every` in rate. Their
-/// contents should lie below 0.4 of the lower rate. Only the poles and C of the model are meaningful at the rate of the
-/// records, because B and D are fitted to them.
+/// Returns a model with `states` states for [`refine`] at a rate, from records at a lower one: each of their samples
+/// stands for `every` at that rate. Inputs and outputs must have passed the same low-pass, which does not change the
+/// response from one to the other. Only the poles and C of the model are meaningful, because B and D are fitted to
+/// them.
 ///
 /// # Errors
 /// Those of [`subspace`] and of [`refine`].
 pub fn slower_start(
-    records: &[Record<'_>],
+    slow: &[Record<'_>],
     states: usize,
     every: usize,
     sample_rate_hz: f64,
     options: &Options,
     watcher: Watcher<'_>,
 ) -> Result<Model, RefineError> {
-    let reduced: Vec<(Array2<f64>, Array2<f64>)> =
-        records.iter().map(|r| (reduced(r.inputs, every), reduced(r.outputs, every))).collect();
-    let slow: Vec<Record<'_>> = reduced
-        .iter()
-        .map(|(inputs, outputs)| Record { inputs: inputs.view(), outputs: outputs.view(), start: Start::Unknown })
-        .collect();
     // Within a sample at the lower rate, every plant responds.
     let options = Options {
         radius: options.radius.powi(every as i32),
@@ -45,22 +38,11 @@ pub fn slower_start(
         noise: Noise::White,
         ..options.clone()
     };
-    let estimate = subspace(&slow, states, None, sample_rate_hz / every as f64, &options)?;
-    let mut model = refine(&estimate.model, &slow, &options, watcher)?.model;
+    let estimate = subspace(slow, states, None, sample_rate_hz / every as f64, &options)?;
+    let mut model = refine(&estimate.model, slow, &options, watcher)?.model;
     model.a = root(&model.a, every);
     model.sample_rate_hz = sample_rate_hz;
     Ok(model)
-}
-
-/// Returns the mean of the samples about every `every`th one, with weights that fall linearly to zero at the next one.
-/// It passes nothing of what would be folded onto frequency zero. A mean over a missing sample is missing.
-fn reduced(signal: ArrayView2<'_, f64>, every: usize) -> Array2<f64> {
-    let count = (signal.nrows().saturating_sub(1) / every).saturating_sub(1);
-    Array2::from_shape_fn((count, signal.ncols()), |(j, channel)| {
-        let centre = (j + 1) * every;
-        let weighted = |k: usize| (every - k.abs_diff(centre)) as f64 * signal[(k, channel)];
-        (centre + 1 - every..centre + every).map(weighted).sum::<f64>() / (every * every) as f64
-    })
 }
 
 /// Returns the root of a block-diagonal matrix with blocks of two states and, if their number is odd, one of one state.
@@ -118,21 +100,5 @@ mod tests {
         }
         // A negative real pole keeps its magnitude.
         assert!((root(&DMatrix::from_element(1, 1, -0.25), 2)[(0, 0)] - 0.5).abs() < 1e-15);
-    }
-
-    /// Slow sines pass, fast ones that would be folded onto them do not, and gaps stay gaps.
-    #[test]
-    fn what_is_reduced_is_low_passed() {
-        let every = 8;
-        let sine = |hz: f64| Array2::from_shape_fn((801, 1), |(k, _)| (std::f64::consts::TAU * hz * k as f64).sin());
-        let size =
-            |signal: &Array2<f64>| signal.iter().map(|x| x * x).sum::<f64>().sqrt() / (signal.len() as f64).sqrt();
-        let slow = reduced(sine(0.004).view(), every);
-        assert!((slow.nrows(), slow.ncols()) == (99, 1) && (size(&slow) * 2_f64.sqrt() - 1.0).abs() < 0.02);
-        assert!(size(&reduced(sine(1.0 / 8.0 + 0.004).view(), every)) < 0.01);
-        let mut gap = sine(0.004);
-        gap[(400, 0)] = f64::NAN;
-        let gaps = reduced(gap.view(), every).iter().filter(|x| x.is_nan()).count();
-        assert!((1..=2).contains(&gaps), "{gaps}");
     }
 }

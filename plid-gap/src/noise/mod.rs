@@ -209,25 +209,25 @@ impl NoiseModel {
         self.plant.ports.len()
     }
 
-    /// Adds the slow noise of those sensors that have much of it in these stretches. Without it, the skirts of forces
-    /// on modes would have to represent it, and the noise at the modes themselves would be far too large.
-    pub fn with_slow(mut self, stretches: &[Stretch]) -> Self {
+    /// Returns the fit to stretches, after adding the slow noise of those sensors that have much of it to this model.
+    /// Without it, the skirts of forces on modes would have to represent slow noise, and the noise at the modes
+    /// themselves would be far too large.
+    pub fn fit_slow(&mut self, stretches: &[Stretch]) -> Self {
         let slow = |output| CORNERS.map(|corner| Source::Slow(Slow { output, hz: corner * self.plant.rate }));
         let all: Vec<Source> = (0..self.plant.p).flat_map(slow).collect();
-        let (with, without) = (self.fit_beside(stretches, all.iter().copied()), self.fit(stretches));
-        for output in 0..self.plant.p {
-            let of_output = |(source, theta): &(Source, f64)| match source {
-                Source::Slow(slow) if slow.output == output => Some((*source, *theta)),
-                _ => None,
-            };
-            let slow: Vec<(Source, f64)> = with.sources.iter().filter_map(of_output).collect();
-            let white = with.sensors()[output];
-            let much = slow.iter().map(|(_, theta)| theta).sum::<f64>() > self.settings.slow_power * white;
-            if much && without.misfit - with.misfit > self.settings.slow_gain {
-                self.sources.extend(slow);
+        let (with, without) = (self.fit_beside(stretches, all), self.fit(stretches));
+        if without.misfit - with.misfit <= self.settings.slow_gain {
+            return without;
+        }
+        let declared = self.sources.len();
+        for (output, white) in with.sensors().into_iter().enumerate() {
+            let of_output = |source: &Source| matches!(source, Source::Slow(slow) if slow.output == output);
+            let slow = || with.sources.iter().filter(|(source, _)| of_output(source)).copied();
+            if slow().map(|(_, theta)| theta).sum::<f64>() > self.settings.slow_power * white {
+                self.sources.extend(slow());
             }
         }
-        self
+        if self.sources.len() > declared { self.fit(stretches) } else { without }
     }
 
     /// Fits the variances of sensors and modal forces to stretches. The actuator noise remains as declared.
@@ -487,8 +487,9 @@ mod tests {
         let declared = NoiseModel::declared(&plant, &[1e-3; 2], &[0.0; 2]);
         let white = random_input(1, SAMPLES, 2);
         let scaled = |by: f64| -> Vec<Vec<f64>> { white.iter().map(|x| x.iter().map(|x| by * x).collect()).collect() };
-        let with_slow = |noise: &[Vec<f64>]| declared.clone().with_slow(&[Stretch::new(noise)]);
-        assert_eq!(with_slow(&scaled(1e-3)).sources.len(), declared.sources.len());
+        let mut with_slow = declared.clone();
+        with_slow.fit_slow(&[Stretch::new(&scaled(1e-3))]);
+        assert_eq!(with_slow.sources.len(), declared.sources.len());
         for hz in [5.0, 20.0] {
             let pole = (-TAU * hz / RATE).exp();
             let mut noise = scaled(0.8e-3);
@@ -500,7 +501,7 @@ mod tests {
                 }
             }
             let stretch = [Stretch::new(&noise)];
-            let (found, before) = (with_slow(&noise).fit(&stretch), declared.fit(&stretch));
+            let (found, before) = (declared.clone().fit_slow(&stretch), declared.fit(&stretch));
             assert!(found.misfit < before.misfit - 30.0, "{hz}: {} {}", found.misfit, before.misfit);
             for (found, before) in found.rms().into_iter().zip(before.rms()) {
                 let [found, before] = [found, before].map(|rms| (rms / 1e-3).ln().abs());

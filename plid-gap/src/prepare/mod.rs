@@ -128,8 +128,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     };
     let declares = model.noise.sensor_std.is_some();
     let noise = if !quiet.is_empty() {
-        declared = declared.with_slow(&quiet);
-        declared.fit(&quiet)
+        declared.fit_slow(&quiet)
     } else if declares || plant.controller.is_some() || off.contains(&Step::NoiseFit) {
         declared.clone()
     } else {

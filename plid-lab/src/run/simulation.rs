@@ -17,6 +17,7 @@ use super::error::RunError;
 use super::validate::Errors;
 use crate::experiment::{Experiment, Refinement};
 use plid_data::prepare::Prepared;
+use plid_data::prepare::decimate::{decimate, plan};
 use plid_work::Progress;
 
 /// Largest number of iterations of the refinement. A model of the plant's own order converges well before; a smaller
@@ -152,8 +153,12 @@ fn starts(
     let (states, rate) = (recursive.n(), recursive.sample_rate_hz);
     // A starting model must not use the quarter of the data on which it is scored.
     let batch = plid_refine::head(training).and_then(|head| {
-        let slower = || slower_start(&head, states, every, rate, options, watcher);
-        match (every > 1).then(slower) {
+        let slow = if every > 1 { reduced(&head, every, rate) } else { None };
+        let slower = slow.map(|slow| {
+            let slow: Vec<Record<'_>> = slow.iter().map(unknown_start).collect();
+            slower_start(&slow, states, every, rate, options, watcher)
+        });
+        match slower {
             Some(Ok(model)) => Ok(("lower rate", model)),
             Some(Err(RefineError::Interrupted)) => Err(RefineError::Interrupted),
             // There may be too few samples at the lower rate.
@@ -166,6 +171,23 @@ fn starts(
     let batch = batch.ok().map(|(name, model)| Candidate { name: name.into(), model });
     let recursive = Candidate { name: "plid".into(), model: recursive.clone() };
     Ok(batch.into_iter().chain([recursive]).collect())
+}
+
+/// Returns records at a rate that is lower by a factor; `None` if one is too short for the filter.
+fn reduced(records: &[Record<'_>], every: usize, rate: f64) -> Option<Vec<plid_data::Record>> {
+    let plan = plan(rate, rate / every as f64).ok()?;
+    let whole = |record: &Record<'_>| plid_data::Record {
+        sample_rate_hz: rate,
+        input_names: Vec::new(),
+        output_names: Vec::new(),
+        inputs: record.inputs.to_owned(),
+        outputs: record.outputs.to_owned(),
+    };
+    records.iter().enumerate().map(|(k, record)| decimate(&whole(record), &plan, k + 1).ok()).collect()
+}
+
+fn unknown_start(record: &plid_data::Record) -> Record<'_> {
+    Record { inputs: record.inputs.view(), outputs: record.outputs.view(), start: Start::Unknown }
 }
 
 /// Reports the progress and returns whether to continue.

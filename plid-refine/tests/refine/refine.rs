@@ -178,7 +178,12 @@ fn a_start_is_found_at_a_lower_rate() {
     let outputs = clean + common::normal(32, 12_000, 1) * (0.02 * size);
     let data = Data { inputs, outputs };
     let records = [data.record(Start::Unknown)];
-    let start = slower_start(&records, 6, 8, common::RATE, &options(false), &silent).unwrap();
+    let slow = |samples: usize| Record {
+        inputs: data.inputs.slice(s![..samples;8, ..]),
+        outputs: data.outputs.slice(s![..samples;8, ..]),
+        start: Start::Unknown,
+    };
+    let start = slower_start(&[slow(12_000)], 6, 8, common::RATE, &options(false), &silent).unwrap();
     assert_eq!(start.sample_rate_hz, common::RATE);
     let found = start.a.complex_eigenvalues();
     for (radius, angle) in poles {
@@ -190,9 +195,8 @@ fn a_start_is_found_at_a_lower_rate() {
     let error = plid_refine::free_run_error(&refined.model, &records[0], &refined.initial_states[0], 0).unwrap();
     assert!(error < 0.0202, "{error}");
     // Too few samples at the lower rate are an error.
-    let short = [records[0].range(0, 400)];
     assert!(matches!(
-        slower_start(&short, 6, 8, common::RATE, &options(false), &silent),
+        slower_start(&[slow(400)], 6, 8, common::RATE, &options(false), &silent),
         Err(RefineError::TooLittleData { .. })
     ));
 }

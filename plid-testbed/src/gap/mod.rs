@@ -32,6 +32,7 @@ use crate::record::record;
 use crate::streams::{Purpose, stream};
 use background::Scene;
 use rig::Rig;
+use strength::Bench;
 
 pub use excitation::Excitation;
 pub use label::{Label, LabelledBackground, LabelledEffect};
@@ -220,20 +221,28 @@ fn main_effects(
     for (i, wanted) in spec.effects.iter().enumerate() {
         let first = effect::drawn(seed, i, wanted, spec, drawn, signals)?;
         let (effect, gap) = scene.bench(i).reach(&first, wanted.gap)?;
-        let mut most = 0.0;
-        for planned in schedule.iter().rev().filter(|planned| planned.excitation != Excitation::Zero) {
-            most = scene.bench(i).on(planned).gap_of_one(&effect)?.max(most);
-            if most >= SEEN * wanted.gap {
-                break;
-            }
-        }
-        if most < SEEN * wanted.gap {
-            return Err(GapError::Unseen { kind: effect.kind().to_owned(), most });
-        }
+        check_seen(&scene.bench(i), &effect, SEEN * wanted.gap, schedule)?;
         labels.push(label::labelled(&effect, wanted.gap, gap, &drawn.base, &drawn.nominal));
         effects.push(effect);
     }
     Ok((effects, labels))
+}
+
+/// Checks that an effect makes at least this gap in one of the driven records.
+fn check_seen(
+    bench: &Bench<'_>,
+    effect: &Effect,
+    least: f64,
+    schedule: &[excitation::Planned],
+) -> Result<(), GapError> {
+    let mut most = 0.0_f64;
+    for planned in schedule.iter().rev().filter(|planned| planned.excitation != Excitation::Zero) {
+        most = most.max(bench.on(planned).gap_of_one(effect)?);
+        if most >= least {
+            return Ok(());
+        }
+    }
+    Err(GapError::Unseen { kind: effect.kind().to_owned(), most })
 }
 
 /// A record of the selected channels, with the outputs of the nominal simulation for it.
