@@ -12,13 +12,12 @@ use crate::audit::{Audit, audit};
 use crate::case::Case;
 use crate::diagnose::explain::explain;
 use crate::diagnose::finding::Finding;
-use crate::effects::Library;
+use crate::effects::{Library, Observation};
 use crate::error::GapError;
 use crate::fit::refit::{self, Refit, refit};
 use crate::prepare::{Prepared, prepare};
 use crate::search::rules::{Rules, require_names};
 use crate::search::stage::SearchStage;
-use crate::search::stochastic::stochastic_effects;
 use crate::settings::step::Step;
 
 pub use shown::Shown;
@@ -130,7 +129,9 @@ fn finish(
     let explained = explain(ready, refitted, ground.library, &rules, &ground.first, say);
     // The noise is that of the explanation, which may account for a part of the quiet records.
     let skipped = audit.known.off.contains(&Step::Stochastic);
-    let mut stochastic = if skipped { Vec::new() } else { stochastic_effects(&explained.ready, ground.library) };
+    let may_be_band = rules.may_show(ground.library, Observation::Band);
+    let (explained, mut stochastic) =
+        if skipped { (explained, Vec::new()) } else { explained.with_noise_of_residual(ground.library, may_be_band) };
     stochastic.retain(|stochastic| rules.knows(stochastic.placed.effect));
     let explained = explained.leave_to_noise(&stochastic, &rules, config.material);
     let finding = Finding::new(audit, &explained, &stochastic, &rules, say);

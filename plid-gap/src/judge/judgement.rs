@@ -77,7 +77,10 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let mut weighted =
             weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
         // Quiet records are evidence independently of free runs.
-        let shown = shown(explained, stochastic, rules);
+        let mut shown = shown(explained, stochastic, rules);
+        // Where the simulation is off in many small ways, a stochastic effect as small as these is not a cause.
+        let least = if ready.widened.is_some() { config.material.powi(2) } else { 0.0 };
+        shown.retain(|u| squared_gap(explained, u) >= least);
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }

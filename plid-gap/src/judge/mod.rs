@@ -15,6 +15,7 @@ pub(crate) mod locate;
 pub(crate) mod next_experiment;
 pub(crate) mod offsets;
 pub(crate) mod predictability;
+mod residual_noise;
 pub(crate) mod separability;
 pub(crate) mod settle_all;
 pub(crate) mod shares;

@@ -4,9 +4,9 @@
 //! An effect that is missing is a function of the inputs, so with them the residual is predicted better than from its
 //! past alone (Granger, *Econometrica* 37, 1969, 424). Two predictors of the next value are compared by
 //! cross-validation over blocks of the records: a linear one of past residuals, and one that also has polynomials of
-//! the inputs and the simulated outputs, as in a polynomial NARX model (Billings, *Nonlinear System Identification*,
-//! 2013, chapter 2). A residual that is sampled much faster than it changes is predicted from its own past, whatever
-//! its cause, so the prediction reaches further ahead there.
+//! the inputs, the motion of the ports and the simulated outputs, as in a polynomial NARX model (Billings, *Nonlinear
+//! System Identification*, 2013, chapter 2). A residual that is sampled much faster than it changes is predicted from
+//! its own past, whatever its cause, so the prediction reaches further ahead there.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -15,6 +15,8 @@ use crate::effects::{Observation, Place};
 use crate::fit::free_run::outputs;
 use crate::fit::problem::{Fit, Placed, Problem};
 use crate::judge::gap;
+use crate::plant::Plant;
+use crate::prepare::port_motion;
 use crate::settings::JudgeSettings;
 
 /// Fewest and most past values of the residual from which the next one is predicted. In between it is the order of the
@@ -33,8 +35,12 @@ const INPUT_DELAYS: [usize; 2] = [0, 1];
 /// Delays in steps with which the simulated outputs enter.
 const OUTPUT_DELAYS: [usize; 4] = [0, 1, 3, 7];
 
-/// Most of these signals. Their products up to the third degree are 219 polynomials.
-const MOST_SIGNALS: usize = 9;
+/// Most signals of the polynomials. Without the delayed ones, three inputs with ports and three outputs are twelve, with
+/// 258 polynomials; 16 have 440.
+const MOST_SIGNALS: usize = 16;
+
+/// Number of signals up to which delayed ones are added.
+const ENOUGH_SIGNALS: usize = 9;
 
 /// Most samples that are used, of all records together.
 const MOST_SAMPLES: usize = 8000;
@@ -78,19 +84,39 @@ pub struct Unpredicted {
 }
 
 impl Unpredicted {
-    /// Returns the residual of a fit, if the inputs do not predict it and it is not so large that it would have been
-    /// noticed as noise.
+    /// Returns the residual of a fit, if the inputs do not predict it at any output and it is not so large that it
+    /// would have been noticed as noise.
     pub fn of(problem: &Problem, fit: &Fit) -> Option<Self> {
+        Self::if_at_most(problem, fit, |predicted, _| predicted.iter().copied().fold(0.0, f64::max))
+    }
+
+    /// Returns the residual of a fit, if the inputs predict little of it at those outputs that have most of its gap.
+    pub fn for_the_most_part(problem: &Problem, fit: &Fit) -> Option<Self> {
+        Self::if_at_most(problem, fit, |predicted, squares| {
+            let all: f64 = squares.iter().sum();
+            predicted.iter().zip(squares).map(|(share, square)| share * square / all.max(f64::MIN_POSITIVE)).sum()
+        })
+    }
+
+    /// Returns the residual of a fit if `of_all` outputs the inputs predict little. Its arguments are the share that
+    /// they may predict at each output, and the squared gap of each output.
+    fn if_at_most(problem: &Problem, fit: &Fit, of_all: impl Fn(&[f64], &[f64]) -> f64) -> Option<Self> {
         let settings = &problem.settings.judge;
         let simulated = outputs(problem, &fit.eta, &fit.effects);
         if gap::of_driven(&problem.records, &simulated) > settings.most_noise {
             return None;
         }
         let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.is_driven());
-        let all = predictability(problem, &simulated)?;
-        let at_most = all.into_iter().map(Predictability::at_most).fold(0.0, f64::max);
+        let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+        let predicted: Vec<f64> =
+            predictability(problem, &plant, &simulated)?.into_iter().map(Predictability::at_most).collect();
         let left = |o: usize| rms(driven().flat_map(|(record, simulated)| record.measured_error(o, &simulated[o])));
-        (at_most < settings.noise_predicted).then(|| Self { at_most, rms: (0..problem.plant.p).map(left).collect() })
+        let size = |o: usize| rms(driven().flat_map(|(record, _)| &record.y[o]).filter(|y| y.is_finite()));
+        let rms: Vec<f64> = (0..problem.plant.p).map(left).collect();
+        let squares: Vec<f64> =
+            rms.iter().enumerate().map(|(o, rms)| (rms / size(o).max(f64::MIN_POSITIVE)).powi(2)).collect();
+        let at_most = of_all(&predicted, &squares);
+        (at_most < settings.noise_predicted).then_some(Self { at_most, rms })
     }
 
     /// Returns the least probability of something else. It rises with the share that the inputs may predict.
@@ -111,14 +137,17 @@ impl Unpredicted {
 
 /// Returns the predictability of the residual of each output in the driven records; `None` if these are
 /// too short.
-fn predictability(problem: &Problem, simulated: &[Channels]) -> Option<Vec<Predictability>> {
+fn predictability(problem: &Problem, plant: &Plant, simulated: &[Channels]) -> Option<Vec<Predictability>> {
     let past = problem.plant.n().clamp(PAST[0], PAST[1]);
     let driven: Vec<Driven> = problem
         .records
         .iter()
         .zip(simulated)
         .filter(|(record, _)| record.is_driven())
-        .map(|(record, simulated)| Driven { record, residual: record.error(simulated), simulated })
+        .map(|(record, simulated)| {
+            let motion = port_motion(plant, &record.u);
+            Driven { record, residual: record.error(simulated), motion, simulated }
+        })
         .collect();
     (0..problem.plant.p).map(|o| of_output(&driven, o, past)).collect()
 }
@@ -141,6 +170,8 @@ fn of_output(driven: &[Driven], output: usize, past: usize) -> Option<Predictabi
 struct Driven<'r> {
     record: &'r Record,
     simulated: &'r Channels,
+    /// Displacement and velocity at each port.
+    motion: Channels,
     residual: Channels,
 }
 
@@ -151,22 +182,24 @@ struct Row {
 }
 
 impl Driven<'_> {
-    /// Returns the signals of the polynomials, each with its delay: first all channels without delay.
+    /// Returns the signals of the polynomials, each with its delay: first all of them without delay.
     fn signals(&self) -> Vec<(&[f64], usize)> {
         let mut signals: Vec<(&[f64], usize)> = Vec::new();
         for turn in 0..INPUT_DELAYS.len().max(OUTPUT_DELAYS.len()) {
             let inputs = INPUT_DELAYS.get(turn).map(|&delay| (&self.record.u, delay));
+            let motion = (turn == 0).then_some((&self.motion, 0));
             let outputs = OUTPUT_DELAYS.get(turn).map(|&delay| (self.simulated, delay));
-            for (channels, delay) in inputs.into_iter().chain(outputs) {
+            let most = if turn == 0 { MOST_SIGNALS } else { ENOUGH_SIGNALS.max(signals.len()) };
+            for (channels, delay) in inputs.into_iter().chain(motion).chain(outputs) {
                 signals.extend(channels.iter().map(|channel| (channel.as_slice(), delay)));
             }
+            signals.truncate(most);
         }
-        signals.truncate(MOST_SIGNALS);
         signals
     }
 
-    /// Returns the polynomials of the first samples: the signals, their magnitudes, their direction, and their products
-    /// of two and of three. A signal of unit RMS is used before it begins with its first value.
+    /// Returns the polynomials of the first samples: the signals, their magnitudes, their direction, their products of
+    /// two, and of three of which two are equal. A signal of unit RMS is used before it begins with its first value.
     fn polynomials(&self, samples: usize, step: usize) -> Vec<Vec<f64>> {
         let signals: Vec<Vec<f64>> = self
             .signals()
@@ -187,8 +220,8 @@ impl Driven<'_> {
                 all.extend(signals.iter().map(direction));
                 for (i, x) in now.iter().enumerate() {
                     for (j, y) in now.iter().enumerate().skip(i) {
-                        all.push(x * y);
-                        all.extend(now[j..].iter().map(|z| x * y * z));
+                        all.extend([x * y, x * x * y]);
+                        all.extend((i < j).then_some(x * y * y));
                     }
                 }
                 all
@@ -274,4 +307,40 @@ fn errors(blocks: &[Normal], known: usize, penalty: f64) -> Vec<f64> {
         coefficients.map_or(block.power, |coefficients| block.error(&coefficients))
     };
     blocks.iter().map(without).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Action;
+    use crate::prepare::{Known, prepare};
+    use crate::simulate::{Fineness, simulate};
+    use crate::testing;
+
+    /// The inputs predict a force that is the square of the displacement at another port. They do not predict a random
+    /// force of the same size.
+    #[test]
+    fn the_motion_predicts_a_force_that_follows_it_and_no_random_force() {
+        let sim = testing::truss(1);
+        let plant = Plant::new(&sim).unwrap();
+        for follows in [true, false] {
+            let mut case = testing::case(&sim, &sim);
+            for (k, record) in case.records.iter_mut().enumerate().skip(1) {
+                let square: Vec<f64> = port_motion(&plant, &record.u)[2].iter().map(|d| d * d).collect();
+                let random = testing::random_input(70 + k as u64, record.samples(), 1).remove(0);
+                let force = if follows { square } else { random };
+                let scale = 0.05 / rms(&force);
+                let at = move |t: f64| scale * force[((t * testing::RATE).round() as usize).min(force.len() - 1)];
+                let pushed = [Action::Disturbance(0, Box::new(at))];
+                record.y = simulate(&plant, &pushed, &record.u, 0.0, None, Fineness::FINE);
+            }
+            let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+            let given = vec![0.0; ready.problem.nuisance.len()];
+            let simulated = outputs(&ready.problem, &given, &[]);
+            let all = predictability(&ready.problem, &plant, &simulated).unwrap();
+            let most = all.iter().map(|one| one.share).fold(0.0, f64::max);
+            let limit = ready.problem.settings.judge.noise_predicted;
+            assert!(if follows { most > 2.0 * limit } else { most < 0.5 * limit }, "{follows}: {all:?}");
+        }
+    }
 }

@@ -5,6 +5,7 @@ use crate::fit::free_run::run;
 use crate::fit::problem::Placed;
 use crate::fit::refit::clipped;
 use crate::judge::explained::{Explained, Refusal};
+use crate::judge::residual_noise;
 use crate::judge::shrink::{blocks, floor, opened};
 use crate::judge::verdict::outside;
 use crate::noise::Source;
@@ -25,6 +26,7 @@ pub fn shown<'s, 'a>(
             && rules.allow(&u.placed, &problem.setting.names)
             && wandering(&u.placed, &explained.found.best.effects, settings.prepare.near_line).is_none()
             && !explained.unpredicted.as_ref().is_some_and(|noise| noise.hides(&u.placed))
+            && residual_noise::stands(explained, u)
     };
     stochastic.iter().filter(enters).collect()
 }

@@ -119,18 +119,32 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
+    use crate::case::record::Record;
     use crate::effects::Action;
+    use crate::plant::Plant;
     use crate::prepare::{Known, prepare};
     use crate::simulate::{Fineness, simulate};
     use crate::testing;
 
-    /// Adds the response to a force at a port to the case's quiet record.
-    fn push(case: &mut crate::case::Case, plant: &crate::plant::Plant, port: usize, strength: f64, force: Vec<f64>) {
-        let quiet = &mut case.records[0];
+    /// Adds the response to a force at a port to a record.
+    fn push(record: &mut Record, plant: &Plant, port: usize, strength: f64, force: Vec<f64>) {
         let rate = plant.rate;
         let of = move |t: f64| strength * force[((t * rate).round() as usize).min(force.len() - 1)];
-        let pushed = simulate(plant, &[Action::Disturbance(port, Box::new(of))], &quiet.u, 0.0, None, Fineness::FINE);
-        quiet.y.iter_mut().zip(&pushed).for_each(|(y, more)| y.iter_mut().zip(more).for_each(|(y, more)| *y += more));
+        let zero = vec![vec![0.0; record.samples()]; plant.m];
+        let pushed = simulate(plant, &[Action::Disturbance(port, Box::new(of))], &zero, 0.0, None, Fineness::FINE);
+        record.y.iter_mut().zip(&pushed).for_each(|(y, more)| y.iter_mut().zip(more).for_each(|(y, more)| *y += more));
+    }
+
+    /// Returns white noise through a resonator at 137 Hz, where a mode lies.
+    fn about_137_hz(seed: u64, samples: usize) -> Vec<f64> {
+        let (turn, radius) = (2.0 * (TAU * 137.0 / testing::RATE).cos(), 0.97);
+        let (mut force, mut last) = (Vec::new(), [0.0; 2]);
+        for e in testing::random_input(seed, samples, 1).remove(0) {
+            let now = turn * radius * last[0] - radius * radius * last[1] + e;
+            last = [now, last[0]];
+            force.push(now);
+        }
+        force
     }
 
     /// A mode that ambient forces drive more than the others is not a band.
@@ -138,11 +152,11 @@ mod tests {
     fn a_mode_that_is_pushed_harder_is_no_coloured_force() {
         let sim = testing::truss(1);
         let mut case = testing::case(&sim, &sim);
-        let mut plant = crate::plant::Plant::new(&sim).unwrap();
+        let mut plant = Plant::new(&sim).unwrap();
         plant.add_modal_port(1);
         let port = plant.ports.len() - 1;
         let white = testing::random_input(77, case.records[0].samples(), 1).remove(0);
-        push(&mut case, &plant, port, 0.02, white);
+        push(&mut case.records[0], &plant, port, 0.02, white);
         let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
         let least = ready.problem.settings.search.stochastic_gain;
         let plain = ready.declared.fit_with(&ready.quiet, &[Source::Ambient], 40, 1);
@@ -155,17 +169,9 @@ mod tests {
     fn a_coloured_force_is_looked_for_at_the_struts_alone() {
         let sim = testing::truss(1);
         let mut case = testing::case(&sim, &sim);
-        let plant = crate::plant::Plant::new(&sim).unwrap();
-        // White noise through a resonator at 137 Hz, where a mode lies.
-        let white = testing::random_input(77, case.records[0].samples(), 1).remove(0);
-        let (turn, radius) = (2.0 * (TAU * 137.0 / plant.rate).cos(), 0.97);
-        let (mut force, mut last) = (Vec::new(), [0.0; 2]);
-        for e in white {
-            let now = turn * radius * last[0] - radius * radius * last[1] + e;
-            last = [now, last[0]];
-            force.push(now);
-        }
-        push(&mut case, &plant, 1, 0.003, force);
+        let plant = Plant::new(&sim).unwrap();
+        let force = about_137_hz(77, case.records[0].samples());
+        push(&mut case.records[0], &plant, 1, 0.003, force);
 
         let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
         let found = coloured(&ready);
@@ -175,5 +181,27 @@ mod tests {
         );
         ready.problem = ready.problem.with_modal_places(&[1, 2]);
         assert_eq!(coloured(&ready), found);
+    }
+
+    /// In driven records alone, the force is found in what the inputs do not explain of the residual, although the
+    /// frequencies of the simulation are off.
+    #[test]
+    fn a_coloured_force_is_found_in_driven_records() {
+        let real = testing::truss(1);
+        let sim = testing::truss_with(1, |modes, _, _| modes.iter_mut().for_each(|(hz, _)| *hz *= 1.003));
+        let mut case = testing::case(&sim, &real);
+        case.records.remove(0);
+        let plant = Plant::new(&real).unwrap();
+        for (k, record) in case.records.iter_mut().enumerate() {
+            let force = about_137_hz(77 + k as u64, record.samples());
+            push(record, &plant, 1, 0.01, force);
+        }
+        let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        assert!(ready.quiet.is_empty());
+        let given = vec![0.0; ready.problem.nuisance.len()];
+        let simulated = crate::fit::free_run::outputs(&ready.problem, &given, &[]);
+        ready.take_for_noise(&simulated, true);
+        let band = ready.coloured.expect("a force in a band").band;
+        assert!(band.port == 1 && (band.hz / 137.0 - 1.0).abs() < 0.1, "{band:?}");
     }
 }

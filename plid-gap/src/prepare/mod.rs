@@ -389,6 +389,25 @@ impl Prepared {
         self.widened = Some(1.0);
     }
 
+    /// Takes what the inputs do not explain of the residual in driven records for noise, as if these records were quiet,
+    /// and looks for a random force in a band if there `may_be` one.
+    pub fn take_for_noise(&mut self, simulated: &[Channels], may_be: bool) {
+        let driven = self.problem.records.iter().zip(simulated).filter(|(record, _)| record.is_driven());
+        let stretch = |(record, y): (&Record, &Channels)| {
+            let error = measured_error(record, y);
+            unexplained(record, &error).unwrap_or_else(|| Stretch::new(&error))
+        };
+        self.quiet = driven.map(stretch).collect();
+        // The residual contains the error of the simulation.
+        self.declared.model_error = None;
+        self.noise = self.declared.fit_slow(&self.quiet);
+        if let Some(force) = may_be.then(|| coloured(self)).flatten() {
+            self.coloured = Some(force);
+            self.coloured = Some(force.sharpened(self));
+            self.noise = self.fitted(&self.quiet);
+        }
+    }
+
     /// Returns the factor by which the limits must widen to hold most of these linear parameters; the refit shows which
     /// of them the records determine.
     pub fn needed(&self, eta: &[f64], refitted: &Refit) -> f64 {

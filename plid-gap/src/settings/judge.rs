@@ -38,6 +38,12 @@ group! {
         noise_predicted: f64 = 0.08, "1", 1e-6..=1.0;
         /// Largest gap that counts as noise in this way. Larger noise would be known to the engineer.
         most_noise: f64 = 0.3, "1", 0.0..=1e3;
+        /// Least standard deviation that a sensor adds to its noise, over the declared one, to be called noisy where no
+        /// record shows the noise alone: what the vocabulary lacks adds less.
+        residual_noisier: f64 = 2.0, "1", 0.0..=1e6;
+        /// Correlation of the squared residual with the square of the simulated output from which noise is not that of
+        /// a sensor. Noise in proportion to a normally distributed output has 0.5, that of a sensor none.
+        noise_grows: f64 = 0.1, "1", 0.0..=1.0;
         /// Least probability of something else.
         least_unknown: f64 = 0.02, "1", 0.0..=1.0;
         /// Largest probability of something else, also if held-out records refute the best explanation. In half of the
