@@ -130,8 +130,11 @@ fn finish(
     // The noise is that of the explanation, which may account for a part of the quiet records.
     let skipped = audit.known.off.contains(&Step::Stochastic);
     let may_be_band = rules.may_show(ground.library, Observation::Band);
-    let (explained, mut stochastic) =
-        if skipped { (explained, Vec::new()) } else { explained.with_noise_of_residual(ground.library, may_be_band) };
+    let (explained, mut stochastic) = if skipped {
+        (explained, Vec::new())
+    } else {
+        explained.with_noise_of_residual(ground.library, may_be_band, config.material)
+    };
     stochastic.retain(|stochastic| rules.knows(stochastic.placed.effect));
     let explained = explained.leave_to_noise(&stochastic, &rules, config.material);
     let finding = Finding::new(audit, &explained, &stochastic, &rules, say);

@@ -144,7 +144,7 @@ impl<'a> Explained<'a> {
     }
 
     /// Returns the gap of the free runs of the opened records, with these linear parameters and effects.
-    fn opened_gap(&self, eta: &[f64], effects: &[Placed]) -> f64 {
+    pub(super) fn opened_gap(&self, eta: &[f64], effects: &[Placed]) -> f64 {
         let problem = &self.ready.problem;
         blocks(&opened(self), &problem.nuisance.apply(&problem.plant, eta), &problem.actions(effects)).gap()
     }

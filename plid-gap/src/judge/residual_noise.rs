@@ -47,13 +47,17 @@ impl<'a> Explained<'a> {
         mut self,
         library: &'a Library,
         may_be_band: bool,
+        material: f64,
     ) -> (Self, Vec<Stochastic<'a>>) {
         let settings = &self.ready.problem.settings;
-        let unexplained = self.ready.widened.is_some() && self.judged.unknown >= settings.search.inadequate;
-        if self.unpredicted.is_some() {
-            self.take_for_noise(may_be_band);
-        } else if unexplained
+        let fit = self.predicting();
+        let matters = self.ready.widened.is_some()
             && self.ready.quiet.is_empty()
+            && self.opened_gap(&fit.eta, &fit.effects) > material;
+        if matters && self.unpredicted.is_some() {
+            self.take_for_noise(may_be_band);
+        } else if matters
+            && self.judged.unknown >= settings.search.inadequate
             && let Some(unpredicted) = Unpredicted::for_the_most_part(&self.ready.problem, self.fit())
         {
             let before = self.ready.clone();

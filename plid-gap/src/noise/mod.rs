@@ -312,6 +312,13 @@ impl NoiseModel {
         self.sources.iter().any(|(source, _)| matches!(source, Source::Band(_)))
     }
 
+    /// Returns whether forces on modes make most of the noise of some output.
+    pub fn rings(&self) -> bool {
+        let mut rest = self.clone();
+        rest.sources.retain(|(source, _)| !matches!(source, Source::Mode(_)));
+        self.rms().iter().zip(rest.rms()).any(|(all, rest)| rest * rest < 0.5 * all * all)
+    }
+
     /// Returns the variance (V^2) of white noise with which forces in bands reach an output where they are weak: a
     /// quarter of all frequencies have less.
     pub fn skirts(&self, output: usize) -> f64 {

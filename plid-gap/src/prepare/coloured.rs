@@ -8,8 +8,14 @@ use crate::prepare::wandering::Wandering;
 /// The search for a band uses every bin of this number: bands are wider than that.
 const THINNED: usize = 4;
 
-/// Relative widths of the bands that are tried.
+/// Relative widths of the bands that are tried, the one of the first search last.
 const WIDTHS: [f64; 2] = [0.05, 0.2];
+
+/// Ratio of adjacent centres of the first search: bands of the larger width overlap.
+const COARSE: f64 = 1.12;
+
+/// Number of bands of the first search next to which others are tried.
+const REFINED: usize = 3;
 
 /// A random force in a frequency band.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,21 +51,22 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     if 2.0 * (plain.misfit - free.misfit) < least {
         return None;
     }
-    let mut best: Option<(f64, Band)> = None;
-    let mut hz = settings.lowest_band_hz;
-    while hz < 0.45 * plant.rate {
-        for port in 0..ready.declared.ports() {
-            for width in WIDTHS {
-                let band = Band::pass(port, hz, width);
-                let fitted = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(band)], 8, THINNED);
-                if best.is_none_or(|best| fitted.misfit < best.0) {
-                    best = Some((fitted.misfit, band));
-                }
-            }
-        }
-        hz *= 1.06;
-    }
-    let band = best?.1;
+    let scored = |band: Band| {
+        let sources = [Source::Ambient, Source::Band(band)];
+        (ready.declared.fit_with(&ready.quiet, &sources, 8, THINNED).misfit, band)
+    };
+    let centres = std::iter::successors(Some(settings.lowest_band_hz), |hz| Some(hz * COARSE));
+    let centres = centres.take_while(|hz| *hz < 0.45 * plant.rate);
+    let each = |hz: f64| (0..ready.declared.ports()).map(move |port| Band::pass(port, hz, WIDTHS[1]));
+    let mut first: Vec<(f64, Band)> = centres.flat_map(each).map(scored).collect();
+    first.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let step = COARSE.sqrt();
+    let next = first.iter().take(REFINED).flat_map(|(_, band)| {
+        [1.0 / step, 1.0, step]
+            .into_iter()
+            .flat_map(|ratio| WIDTHS.map(|width| Band::pass(band.port, ratio * band.hz, width)))
+    });
+    let (_, band) = next.map(scored).min_by(|a, b| a.0.total_cmp(&b.0))?;
     let hz = band.hz;
     if ready.wandering.iter().any(|line| (line.hz / hz - 1.0).abs() < settings.near_line) {
         return None;

@@ -390,7 +390,7 @@ impl Prepared {
     }
 
     /// Takes what the inputs do not explain of the residual in driven records for noise, as if these records were quiet,
-    /// and looks for a random force in a band if there `may_be` one.
+    /// and looks for a random force in a band if there `may_be` one and resonances make most of it at some output.
     pub fn take_for_noise(&mut self, simulated: &[Channels], may_be: bool) {
         let driven = self.problem.records.iter().zip(simulated).filter(|(record, _)| record.is_driven());
         let stretch = |(record, y): (&Record, &Channels)| {
@@ -401,7 +401,8 @@ impl Prepared {
         // The residual contains the error of the simulation.
         self.declared.model_error = None;
         self.noise = self.declared.fit_slow(&self.quiet);
-        if let Some(force) = may_be.then(|| coloured(self)).flatten() {
+        let resonant = may_be && self.noise.rings();
+        if let Some(force) = resonant.then(|| coloured(self)).flatten() {
             self.coloured = Some(force);
             self.coloured = Some(force.sharpened(self));
             self.noise = self.fitted(&self.quiet);
