@@ -24,7 +24,7 @@ use crate::settings::JudgeSettings;
 const PAST: [usize; 2] = [12, 40];
 
 /// Steps of the prediction, in samples. The first is taken at which the past leaves enough of the residual.
-const STEPS: [usize; 5] = [1, 2, 4, 8, 16];
+const STEPS: [usize; 7] = [1, 2, 4, 8, 16, 32, 64];
 
 /// Share of the residual's power that its past must leave unpredicted.
 const LEFT_BY_PAST: f64 = 0.1;
