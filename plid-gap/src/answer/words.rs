@@ -131,6 +131,10 @@ fn limits(explained: &Explained) -> Vec<String> {
                 "{effects} fits the records as well, but predicts the held-out ones much worse than the explanation \
                 that was chosen."
             ),
+            Refusal::Untimely => format!(
+                "{effects} fits better, but leaves most of the gap of the held-out records, which a change over time \
+                closes."
+            ),
             Refusal::BesideNoise => format!(
                 "In addition to the noise-like effects, {effects} fitted best, but most of the remaining gap is left, \
                 so it is not named."
@@ -178,10 +182,9 @@ fn nearest_other(explained: &Explained) -> Option<String> {
     let best = &found.best;
     // An explanation that replaced a refused one was fitted again, and the others were not.
     if best.effects.is_empty()
-        || explained
-            .refused
-            .iter()
-            .any(|(_, why)| matches!(why, Refusal::Diverges(_) | Refusal::Overfits | Refusal::Outdone))
+        || explained.refused.iter().any(|(_, why)| {
+            matches!(why, Refusal::Diverges(_) | Refusal::Overfits | Refusal::Outdone | Refusal::Untimely)
+        })
     {
         return None;
     }

@@ -18,6 +18,7 @@ use crate::search::course::not_of_time;
 use crate::search::levels::{by_level, from_earlier};
 use crate::search::linear_cause;
 use crate::search::modal::{dominant, gain_on_modes};
+use crate::search::over_time::over_time;
 use crate::search::rules::{Rules, Scope};
 use crate::search::shape::{FreeShapeFit, fewer, free_shape, renamed};
 use crate::search::stage::{SearchStage, polish};
@@ -40,7 +41,22 @@ pub fn explain<'a>(
     let settings = ready.problem.settings.search.clone();
     let scope = Scope { library, rules, settings, names, off: ready.off.clone(), bold: false, imperfect: false };
     let first = passes(ready, refitted, &scope, stage, say);
-    elsewhere(first, &scope, say).refuse_divergence().refuse_outdone().refuse_fits_to_noise().refuse_overfit()
+    let explained = elsewhere(first, &scope, say).refuse_divergence().refuse_outdone();
+    later(explained, &scope, say).refuse_fits_to_noise().refuse_overfit()
+}
+
+/// Tries changes over time in place of an explanation that leaves most of the gap of the held-out records.
+fn later<'a>(explained: Explained<'a>, scope: &Scope<'_, 'a>, say: &mut dyn FnMut(String)) -> Explained<'a> {
+    if !explained.fails_later() {
+        return explained;
+    }
+    say("changes over time".into());
+    let ready = &explained.ready;
+    let exclude: Vec<String> = scope.rules.exclude.iter().chain(&ready.not_of_time).cloned().collect();
+    let rules = Rules { exclude: &exclude, ..*scope.rules };
+    let scope = Scope { rules: &rules, names: ready.problem.setting.names.clone(), imperfect: true, ..scope.clone() };
+    let fits = over_time(&ready.problem, &explained.quick, &explained.refitted, &scope);
+    explained.or_later(fits)
 }
 
 /// Searches again with locations on single modes if the first search does not suffice, and returns the second result if
@@ -468,6 +484,38 @@ mod tests {
         alone.found.candidates.truncate(1);
         let alone = alone.refuse_divergence();
         assert!(alone.found.best.effects.is_empty() && !alone.refused.is_empty());
+    }
+
+    /// A gain that drifts takes the place of what leaves most of the held-out record.
+    #[test]
+    fn a_later_record_shows_a_change_over_time() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        for (k, record) in case.records.iter_mut().enumerate().skip(1) {
+            let gain = |at: usize| 1.0 - 0.03 * (record.start_s + at as f64 / testing::RATE);
+            let mut drifting = record.u.clone();
+            drifting[0].iter_mut().enumerate().for_each(|(at, u)| *u *= gain(at));
+            record.y = testing::run(&sim, &drifting);
+            let std = record.y.iter().map(|y| 0.002 * crate::case::record::rms(y)).collect::<Vec<f64>>();
+            testing::add_noise(&mut record.y, 40 + k as u64, &std);
+        }
+        let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        ready.widen(1.0);
+        let refitted = refit(&ready.problem, STEPS);
+        let library = Library::standard();
+        let exclude = testing::laws::without(&library, &["sensor-offset"]);
+        let (names, settings) = (ready.problem.setting.names.clone(), ready.problem.settings.search.clone());
+        let few = Rules { suspects: &[], exclude: &exclude, without: &[] };
+        let all = Rules { exclude: &[], ..few };
+        let scope =
+            Scope { library: &library, rules: &few, settings, names, off: vec![], bold: false, imperfect: true };
+        let found = passes(ready, refitted, &scope, &OnceCell::new(), &mut |_| {});
+        assert!(found.fails_later());
+        let found = later(found, &Scope { rules: &all, ..scope }, &mut |_| {});
+        let best = &found.fit().effects[0];
+        assert_eq!((best.effect.name(), &best.place), ("actuator-gain-drift", &Place::Input(0)));
+        assert!((best.parameters[0] / -0.03 - 1.0).abs() < 0.05, "{:?}", best.parameters);
+        assert!(!found.fails_later());
     }
 
     /// If the first explanation predicts held-out records worse than no effect, the next one that predicts them better

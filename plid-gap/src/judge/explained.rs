@@ -7,7 +7,7 @@ use crate::fit::problem::{Fit, Placed, Problem};
 use crate::fit::refit::{Refit, clipped};
 use crate::judge::gap;
 use crate::judge::predictability::Unpredicted;
-use crate::judge::shrink::{blocks, opened};
+use crate::judge::shrink::{blocks, floor, opened};
 use crate::judge::verdict::{Adequacy, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::shape::FreeShapeFit;
@@ -54,6 +54,8 @@ pub enum Refusal {
     Overfits,
     /// It predicts the held-out records much worse than an explanation that fits as well.
     Outdone,
+    /// It leaves most of the gap of the held-out records, which a change over time closes.
+    Untimely,
 }
 
 impl<'a> Explained<'a> {
@@ -171,6 +173,45 @@ impl<'a> Explained<'a> {
         self
     }
 
+    /// Returns whether the explanation of an imperfect simulation leaves most of the gap of the held-out records, and
+    /// these are no louder than the fitted ones.
+    pub(crate) fn fails_later(&self) -> bool {
+        let held_out = &self.ready.held_out;
+        let settings = &self.ready.problem.settings;
+        let loudest = self.ready.problem.records.iter().map(Record::level).fold(0.0, f64::max);
+        self.ready.widened.is_some()
+            && !held_out.is_empty()
+            && held_out.iter().all(|record| record.level() < settings.case.same_level * loudest)
+            && self.opened_left(&self.predicting()) > settings.judge.most_left
+    }
+
+    /// Returns the amplitude that a fit leaves of the opened records beyond the noise, over that of the simulation
+    /// within its limits.
+    fn opened_left(&self, fit: &Fit) -> f64 {
+        let floor = floor(self, &self.ready.noise.rms());
+        let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0).sqrt();
+        let within = clipped(&self.ready.problem, &self.refitted.eta).unwrap_or_else(|| self.refitted.eta.clone());
+        beyond(self.opened_gap(&fit.eta, &fit.effects)) / beyond(self.opened_gap(&within, &[])).max(f64::MIN_POSITIVE)
+    }
+
+    /// Replaces the explanation by the one of these fits that predicts the held-out records best, if it leaves less
+    /// than half of their gap. Explanations with a lower price are refuted with the present one.
+    pub(crate) fn or_later(mut self, fits: Vec<(Fit<'a>, Candidate<'a>)>) -> Self {
+        let left = fits.into_iter().map(|(fit, candidate)| (self.opened_left(&fit), fit, candidate));
+        let Some((left, fit, candidate)) = left.min_by(|a, b| a.0.total_cmp(&b.0)) else { return self };
+        let settings = &self.ready.problem.settings.judge;
+        if left > settings.most_left {
+            return self;
+        }
+        self.judged.left = left * left;
+        self.judged.unknown = outside(left, settings);
+        self.unpredicted = None;
+        self.found.candidates.retain(|other| other.effects.is_empty() || other.priced > candidate.priced);
+        self.found.candidates.insert(0, candidate);
+        self.give_way(fit, Refusal::Untimely);
+        self
+    }
+
     /// Replaces the explanation of an imperfect simulation, if it predicts the held-out records worse than no effect,
     /// by the next one that predicts them better. There may be none; the explanation then stands, and is not written
     /// into the simulation.
@@ -191,8 +232,10 @@ impl<'a> Explained<'a> {
         self.free_shape = None;
         self.offsets.clear();
         let refused = std::mem::replace(&mut self.found.best, next).effects;
-        self.found.candidates.retain(|candidate| !all_same(&candidate.effects, &refused));
-        self.refused.push((refused, why));
+        if !refused.is_empty() {
+            self.found.candidates.retain(|candidate| !all_same(&candidate.effects, &refused));
+            self.refused.push((refused, why));
+        }
     }
 
     /// Returns the first of the further explanations that predicts the held-out records better than no effect, if the

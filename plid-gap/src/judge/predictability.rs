@@ -35,8 +35,8 @@ const INPUT_DELAYS: [usize; 2] = [0, 1];
 /// Delays in steps with which the simulated outputs enter.
 const OUTPUT_DELAYS: [usize; 4] = [0, 1, 3, 7];
 
-/// Most signals of the polynomials. Without the delayed ones, three inputs with ports and three outputs are twelve, with
-/// 258 polynomials; 16 have 440.
+/// Most signals of the polynomials. Without the delayed ones, three inputs with ports and three outputs are twelve
+/// signals with 258 polynomials. There are 440 of sixteen.
 const MOST_SIGNALS: usize = 16;
 
 /// Number of signals up to which delayed ones are added.

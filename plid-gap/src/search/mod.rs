@@ -7,6 +7,7 @@ mod leading;
 pub(crate) mod levels;
 pub(crate) mod linear_cause;
 pub(crate) mod modal;
+pub(crate) mod over_time;
 pub(crate) mod overlap;
 pub(crate) mod ports;
 mod price;
