@@ -56,6 +56,11 @@ impl Refit {
         self.residual = problem.residual(&self.plant, &self.eta, &[], Fineness::FINE);
         self.cost = sum_of_squares(&self.residual) + problem.penalty(&self.eta);
     }
+
+    /// Returns the linear parameters as far as they stay within the limits.
+    pub fn within_limits(&self, problem: &Problem) -> Vec<f64> {
+        clipped(problem, &self.eta).unwrap_or_else(|| self.eta.clone())
+    }
 }
 
 /// Returns the linear parameters brought back to within `prior_bound` standard deviations; `None` if all are within.

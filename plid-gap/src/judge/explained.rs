@@ -190,7 +190,7 @@ impl<'a> Explained<'a> {
     fn opened_left(&self, fit: &Fit) -> f64 {
         let floor = floor(self, &self.ready.noise.rms());
         let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0).sqrt();
-        let within = clipped(&self.ready.problem, &self.refitted.eta).unwrap_or_else(|| self.refitted.eta.clone());
+        let within = self.refitted.within_limits(&self.ready.problem);
         beyond(self.opened_gap(&fit.eta, &fit.effects)) / beyond(self.opened_gap(&within, &[])).max(f64::MIN_POSITIVE)
     }
 
@@ -277,7 +277,7 @@ impl<'a> Explained<'a> {
 /// its limits. `noise` is the RMS of each output's noise.
 pub(crate) fn left(ready: &Prepared, refitted: &Refit, fit: &Fit, noise: &[f64]) -> f64 {
     let problem = &ready.problem;
-    let within = clipped(problem, &refitted.eta).unwrap_or_else(|| refitted.eta.clone());
+    let within = refitted.within_limits(problem);
     let beyond = |eta: &[f64], effects: &[Placed]| {
         let driven = problem.records.iter().filter(|record| record.is_driven());
         let measured: Vec<&[Vec<f64>]> = driven.map(|record| record.y.as_slice()).collect();

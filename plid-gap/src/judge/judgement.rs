@@ -77,14 +77,13 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let mut weighted =
             weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
         // Quiet records are evidence independently of free runs.
-        let mut shown = shown(explained, stochastic, rules);
+        let shown = shown(explained, stochastic, rules).into_iter().map(|u| (u, squared_gap(explained, u)));
         // Where the simulation is off in many small ways, a stochastic effect as small as these is not a cause.
         let least = if ready.widened.is_some() { config.material.powi(2) } else { 0.0 };
-        shown.retain(|u| squared_gap(explained, u) >= least);
+        let (shown, squared_gaps): (Vec<_>, Vec<f64>) = shown.filter(|(_, squared)| *squared >= least).unzip();
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }
-        let squared_gaps: Vec<f64> = shown.iter().map(|u| squared_gap(explained, u)).collect();
         let verdict = verdict(explained, &weighted, &squared_gaps, &gaps, config.material);
         if verdict == Verdict::None && weighted.first().is_some_and(|top| top.unknown) {
             put_nothing_first(&mut weighted, &problem.settings.judge);

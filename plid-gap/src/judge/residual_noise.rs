@@ -127,11 +127,7 @@ mod tests {
             case.records.remove(0);
             let size: Vec<f64> = case.records[0].y.iter().map(rms).collect();
             for (k, record) in case.records.iter_mut().enumerate() {
-                let earlier = record.y.clone();
-                for (o, y) in record.y.iter_mut().enumerate() {
-                    let changed = y.iter_mut().skip(40).zip(&earlier[1 - o]);
-                    changed.for_each(|(y, earlier)| *y += 0.02 * *y * earlier / size[1 - o]);
-                }
+                testing::add_products(&mut record.y, 0.02, &size);
                 let noise = testing::random_input(900 + k as u64, record.samples(), 1).remove(0);
                 for (y, e) in record.y[0].iter_mut().zip(noise) {
                     *y += 0.2 * e * if follows { *y } else { size[0] };

@@ -3,7 +3,6 @@
 use crate::effects::{Observation, Place};
 use crate::fit::free_run::run;
 use crate::fit::problem::Placed;
-use crate::fit::refit::clipped;
 use crate::judge::explained::{Explained, Refusal};
 use crate::judge::residual_noise;
 use crate::judge::shrink::{blocks, floor, opened};
@@ -110,7 +109,7 @@ impl<'a> Explained<'a> {
             let gap = blocks(&opened(&self), &plant, &problem.actions(effects)).gap();
             (gap * gap - floor).max(0.0)
         };
-        let within = clipped(problem, &self.refitted.eta).unwrap_or_else(|| self.refitted.eta.clone());
+        let within = self.refitted.within_limits(problem);
         let without = beyond(&within, &[]);
         let with = self.predicting();
         let kept = self.judged.left.max(beyond(&with.eta, &with.effects) / without.max(f64::MIN_POSITIVE)).sqrt();
@@ -146,11 +145,7 @@ mod tests {
             let size: Vec<f64> = case.records[1].y.iter().map(rms).collect();
             for (k, record) in case.records.iter_mut().enumerate() {
                 record.u.iter_mut().chain(&mut record.y).for_each(|channel| channel.truncate(1500));
-                let earlier = record.y.clone();
-                for (o, y) in record.y.iter_mut().enumerate() {
-                    let changed = y.iter_mut().skip(40).zip(&earlier[1 - o]);
-                    changed.for_each(|(y, earlier)| *y += product * *y * earlier / size[1 - o]);
-                }
+                testing::add_products(&mut record.y, product, &size);
                 testing::add_noise(&mut record.y, 900 + k as u64, &[noise * size[0], 0.0]);
             }
             testing::only(&mut case, &["sensor-saturation", "actuator-saturation", "actuator-lag"]);
@@ -174,11 +169,7 @@ mod tests {
         let mut case = testing::case(&sim, &sim);
         let size: Vec<f64> = case.records[1].y.iter().map(rms).collect();
         for (k, record) in case.records.iter_mut().enumerate() {
-            let earlier = record.y.clone();
-            for (o, y) in record.y.iter_mut().enumerate() {
-                let changed = y.iter_mut().skip(40).zip(&earlier[1 - o]);
-                changed.for_each(|(y, earlier)| *y += 0.05 * *y * earlier / size[1 - o]);
-            }
+            testing::add_products(&mut record.y, 0.05, &size);
             let every = if k == 3 { 40 } else { 80 };
             for from in (50..record.samples() - 10).step_by(every) {
                 let held = record.y[0][from];

@@ -25,7 +25,12 @@ pub(crate) fn over_time<'a>(
     let counts = [scope.settings.fitted, scope.settings.polished];
     let (_, fits) = SearchStage::new(problem, quick, &refitted.as_fit(), None, &left_out, &price, counts)
         .without(problem, quick, &left_out, &price);
-    let fits = fits.into_iter().filter(|fit| not_of_time(problem, refitted, fit).is_none());
-    let priced = fits.map(|fit| (price.candidate(&fit), fit)).map(|(candidate, fit)| (fit, candidate));
-    priced.filter(|(_, candidate)| refitted.cost - candidate.priced > scope.settings.accept_gain).collect()
+    let gains = |fit: &Fit| refitted.cost - price.of(fit) > scope.settings.accept_gain;
+    let stand = fits.into_iter().filter(|fit| gains(fit) && not_of_time(problem, refitted, fit).is_none());
+    stand
+        .map(|fit| {
+            let candidate = price.candidate(&fit);
+            (fit, candidate)
+        })
+        .collect()
 }

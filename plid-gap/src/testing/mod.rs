@@ -120,6 +120,16 @@ pub fn add_noise(y: &mut Channels, seed: u64, std: &[f64]) {
     }
 }
 
+/// Adds a share of the product of each of two outputs with the other one's past, 40 samples ago: an imperfection that
+/// no effect explains. `size` are the RMS of the outputs.
+pub fn add_products(y: &mut Channels, share: f64, size: &[f64]) {
+    let earlier = y.clone();
+    for (o, y) in y.iter_mut().enumerate() {
+        let changed = y.iter_mut().skip(40).zip(&earlier[1 - o]);
+        changed.for_each(|(y, earlier)| *y += share * *y * earlier / size[1 - o]);
+    }
+}
+
 /// Returns a case of the simulation and of four records: `quiet` without input, and `random-1` to `random-3` at these
 /// levels. `input` gives the inputs of a record (from 0) at level one, and `measure` the outputs for its inputs. The
 /// case declares sensor noise of these standard deviations.
