@@ -486,7 +486,7 @@ mod tests {
         assert!(alone.found.best.effects.is_empty() && !alone.refused.is_empty());
     }
 
-    /// A gain that drifts takes the place of what leaves most of the held-out record.
+    /// A gain that drifts replaces an explanation that leaves most of the gap on the held-out record.
     #[test]
     fn a_later_record_shows_a_change_over_time() {
         let sim = testing::truss(1);

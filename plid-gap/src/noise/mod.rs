@@ -312,7 +312,7 @@ impl NoiseModel {
         self.sources.iter().any(|(source, _)| matches!(source, Source::Band(_)))
     }
 
-    /// Returns whether forces on modes make most of the noise of some output.
+    /// Returns whether forces on modes account for most of the noise of some output.
     pub fn rings(&self) -> bool {
         let mut rest = self.clone();
         rest.sources.retain(|(source, _)| !matches!(source, Source::Mode(_)));

@@ -389,9 +389,9 @@ impl Prepared {
         self.widened = Some(1.0);
     }
 
-    /// Takes what the inputs do not explain of the residual in driven records for noise, as if these records were
-    /// quiet, and looks for a random force in a band if there `may_be` one and resonances make most of the noise at
-    /// some output.
+    /// Treats the part of the residual that the inputs do not explain as noise, as if the driven records were quiet.
+    /// Looks for a random force in a band if there `may_be` one and resonances account for most of the noise at some
+    /// output.
     pub fn take_for_noise(&mut self, simulated: &[Channels], may_be: bool) {
         let driven = self.problem.records.iter().zip(simulated).filter(|(record, _)| record.is_driven());
         let stretch = |(record, y): (&Record, &Channels)| {

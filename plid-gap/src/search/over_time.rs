@@ -1,7 +1,7 @@
 //! Changes over time that the fitted records hardly show.
 //!
-//! The refit takes the mean of a drift for a gain or a frequency that is off, and what is left of the drift may be
-//! smaller than other errors of the simulation. A later record shows it.
+//! The refit absorbs the mean of a drift as a wrong gain or frequency, and the rest of the drift may be smaller than
+//! other errors of the simulation. A later record shows it.
 
 use crate::effects::Side;
 use crate::fit::candidate::Candidate;
