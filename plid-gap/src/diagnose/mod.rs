@@ -14,6 +14,7 @@ use crate::diagnose::explain::explain;
 use crate::diagnose::finding::Finding;
 use crate::effects::{Library, Observation};
 use crate::error::GapError;
+use crate::fit::free_run::outputs;
 use crate::fit::refit::{self, Refit, refit};
 use crate::prepare::{Prepared, prepare};
 use crate::search::rules::{Rules, require_names};
@@ -70,7 +71,10 @@ impl<'a> Groundwork<'a> {
         let mut ready = prepare(model(&audit)?, &audit.case.records, &audit.known)?;
         require_names(&audit.case.config, library.effects(), &ready.problem.setting)?;
         say("bounded refit".into());
-        let refitted = refit(&ready.problem, refit::STEPS);
+        let mut refitted = refit(&ready.problem, refit::STEPS);
+        if ready.unround(&outputs(&ready.problem, &refitted.eta, &[])) {
+            refitted = refit(&ready.problem, refit::STEPS);
+        }
         ready.renew_missing(&refitted.eta);
         Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new() })
     }

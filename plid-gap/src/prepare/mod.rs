@@ -267,8 +267,11 @@ impl Prepared {
         let records = &self.problem.records;
         let errors: Vec<Channels> = records.iter().zip(simulated).map(|(r, y)| r.error(y)).collect();
         let mut seen = quantisation::of_outputs(records, &errors, &self.declared_sensor, &self.problem.settings.signal);
-        // These values have been corrected.
-        seen.iter_mut().zip(&self.quantisation).for_each(|(new, old)| (new.step, new.cut) = (old.step, old.cut));
+        // The values of coarse converters have been corrected, so the rest is known from the recorded ones.
+        for (new, old) in seen.iter_mut().zip(&self.quantisation) {
+            let (dropout_rate, repeats) = (new.dropout_rate, std::mem::take(&mut new.repeats));
+            *new = if old.coarse { old.clone() } else { Quantisation { dropout_rate, repeats, ..old.clone() } };
+        }
         let more = |(new, old): (&Quantisation, &Quantisation)| new.dropout_rate > old.dropout_rate;
         if !seen.iter().zip(&self.quantisation).any(more) {
             return false;
@@ -276,6 +279,11 @@ impl Prepared {
         self.quantisation = seen;
         self.problem.whiteners = whiteners(records, &self.noise, self.problem.plant.rate, &self.quantisation);
         true
+    }
+
+    /// Corrects coarsely rounded values by these free runs. Returns whether there are any.
+    pub fn unround(&mut self, simulated: &[Channels]) -> bool {
+        quantisation::unround(&mut self.problem.records, simulated, &self.quantisation)
     }
 
     /// Removes a line whose phase wanders from the records. If `may_be` and the records rather show a random force in a
