@@ -68,12 +68,12 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let held_out =
             if best.is_empty() { None } else { held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions) };
         let lacking = lacking_states(explained, &gaps, config.material);
-        let unknown = match lacking {
-            Some(_) => problem.settings.judge.most_unknown.max(explained.judged.unknown),
-            None => unknown(explained, &gaps, held_out, config.material),
-        };
         let simulated = blocks(&opened(explained), &plant, &actions);
         let shares = shares(explained, &simulated, bounded);
+        let unknown = match lacking {
+            Some(_) => problem.settings.judge.most_unknown.max(explained.judged.unknown),
+            None => unknown(explained, &gaps, &shares, held_out, config.material),
+        };
         let mut weighted =
             weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
         // Quiet records are evidence independently of free runs.
@@ -112,7 +112,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
 
 /// Returns the probability of something else in view of held-out records. An effect that does not simulate them better
 /// than a refit alone does not act there.
-fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, material: f64) -> f64 {
+fn unknown(explained: &Explained, gaps: &Gap, shares: &[Share], held_out: Option<HeldOut>, material: f64) -> f64 {
     let Explained { ready, found, judged, .. } = explained;
     let settings = &ready.problem.settings.judge;
     let fails = !ready.off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes(settings));
@@ -129,10 +129,20 @@ fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, materia
         && explained.unpredicted.is_none();
     match (fails || grown, imperfect) {
         (true, _) => settings.most_unknown.max(judged.unknown),
+        (false, true) if makes_most(gaps, shares, settings) => {
+            judged.unknown.min(outside(gaps.left_of_given(), settings))
+        }
         (false, true) if told => outside(gaps.left(), settings),
         (false, true) => judged.unknown.max(outside(gaps.left(), settings)),
         (false, false) => judged.unknown,
     }
+}
+
+/// Returns whether one effect by itself makes most of the gap as given, of which little is left. A refit may close as
+/// much as a cause that it imitates.
+fn makes_most(gaps: &Gap, shares: &[Share], settings: &JudgeSettings) -> bool {
+    let least = settings.most_left * gaps.beyond_noise(gaps.as_given);
+    gaps.left_of_given() < settings.given_left && shares.iter().any(|share| share.made.sqrt() > least)
 }
 
 /// Gives "nothing is missing" the probability of something else, except the least one, where that makes no material

@@ -91,6 +91,11 @@ impl Gap {
     pub fn left(&self) -> f64 {
         self.beyond_noise(self.with_effect) / self.beyond_noise(self.within_limits).max(f64::MIN_POSITIVE)
     }
+
+    /// Returns the remaining amplitude beyond the noise, over that of the simulation as given.
+    pub fn left_of_given(&self) -> f64 {
+        self.beyond_noise(self.with_effect) / self.beyond_noise(self.as_given).max(f64::MIN_POSITIVE)
+    }
 }
 
 /// Measures the gaps on held-out records, or on the loudest driven one if nothing is held out. `plant` and `actions`
