@@ -35,11 +35,6 @@ pub struct Share {
 /// its place: a damping ratio that is off by a quarter, or a joint in records of one level. A small effect that no
 /// refit can imitate would then lead. Without any refit, the main cause closes most of the gap as given by itself, and
 /// opens as much if it alone is removed.
-///
-/// Two laws at one place may be one law of another shape. Either of them then replaces most of the other, and neither
-/// closes much beside it. The one that the search found first explains most alone, and its share is that of both
-/// together. A linear one does not lead: what it leaves beside a nonlinear law shows that the law is nonlinear. Of
-/// linear ones only, such as a gain and a lag, the one leads that closes most of the gap as given.
 pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share> {
     let problem = &explained.ready.problem;
     let fit = explained.fit();
@@ -68,13 +63,16 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
         let all = (limits * limits - floor * floor).max(closed);
         if all > 0.0 { closed / all } else { 0.0 }
     };
+    // The gap that effects leave in the simulation as given.
+    let alone = |those: &[usize]| {
+        let own: Vec<Placed> = those.iter().map(|&which| named[which].clone()).collect();
+        blocks(&opened, &problem.plant, &problem.actions(&own)).gap()
+    };
     let made = |removed: &[usize]| {
-        let own: Vec<Placed> = removed.iter().map(|&which| named[which].clone()).collect();
-        let of = |plant: &Plant, effects: &[Placed]| blocks(&opened, plant, &problem.actions(effects)).gap().powi(2);
-        let closed = of(&problem.plant, &[]) - of(&problem.plant, &own);
         let rest = [others(removed), explained.offsets.clone()].concat();
-        let opened = of(&problem.nuisance.apply(&problem.plant, &fit.eta), &rest) - with.gap().powi(2);
-        closed.min(opened)
+        let without = blocks(&opened, &problem.nuisance.apply(&problem.plant, &fit.eta), &problem.actions(&rest)).gap();
+        let opens = without.powi(2) - with.gap().powi(2);
+        opens.min(alone(&[]).powi(2) - alone(removed).powi(2))
     };
     let of = |removed: &[usize]| {
         let without = without(removed);
@@ -89,21 +87,35 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
             left: (beyond(rest) / beyond(missing).max(beyond(rest) + made).max(f64::MIN_POSITIVE)).sqrt(),
         }
     };
-    // The gap that an effect leaves in the simulation as given.
-    let alone = |which: usize| blocks(&opened, &problem.plant, &problem.actions(&named[which..=which])).gap();
+    let mut shares: Vec<Share> = (0..named.len()).map(|which| of(&[which])).collect();
+    give_to_leaders(&mut shares, named, problem.settings.judge.replaceable, of, |which| alone(&[which]));
+    shares
+}
+
+/// Gives the share of laws at one place that replace each other to one of them.
+///
+/// Two laws at one place may be one law of another shape. Either of them then replaces most of the other, and neither
+/// closes much beside it. The one that the search found first explains most alone, and its share is that of both
+/// together. A linear one does not lead: what it leaves beside a nonlinear law shows that the law is nonlinear. Of
+/// linear ones only, such as a gain and a lag, the one leads that closes most of the gap as given.
+fn give_to_leaders(
+    shares: &mut [Share],
+    named: &[Placed],
+    replaceable: f64,
+    together: impl Fn(&[usize]) -> Share,
+    alone: impl Fn(usize) -> f64,
+) {
     let leading = |group: &[usize]| -> usize {
         group.iter().copied().min_by(|&a, &b| alone(a).total_cmp(&alone(b))).expect("a group has members")
     };
-    let mut shares: Vec<Share> = (0..named.len()).map(|which| of(&[which])).collect();
     for group in groups(named) {
         let sum: f64 = group.iter().map(|&which| shares[which].made).sum();
-        let together = of(&group);
-        if together.made > problem.settings.judge.replaceable * sum {
+        let together = together(&group);
+        if together.made > replaceable * sum {
             let nonlinear = group.iter().copied().find(|&which| !named[which].effect.is_linear());
             shares[nonlinear.unwrap_or_else(|| leading(&group))] = together;
         }
     }
-    shares
 }
 
 /// Returns the numbers of the effects of one side of the signal path that are at one place, where there are several.
