@@ -53,9 +53,9 @@ group! {
         /// Amplitude that an explanation may leave of the gap beyond noise and limits. With imperfect truths the true
         /// causes left 0.03 to 0.36, and imitations of a cause outside the vocabulary 0.70 or more.
         most_left: f64 = 0.5, "1", 1e-6..=1.0;
-        /// Amplitude beyond the noise that an explanation may leave of the gap as given, if one of its effects by itself
-        /// makes more than `most_left` of that gap, so that it counts although a refit imitates it. True causes that a
-        /// refit imitates left 0.14 to 0.18, and imitations of a cause outside the vocabulary 0.29 or more.
+        /// Amplitude beyond the noise that an explanation may leave of the gap as given, if one of its effects by
+        /// itself makes more than `most_left` of that gap, so that it counts although a refit imitates it. True causes
+        /// that a refit imitates left 0.14 to 0.18, and imitations of a cause outside the vocabulary 0.29 or more.
         given_left: f64 = 0.25, "1", 0.0..=1.0;
         /// Remainder beyond the noise that a linear model with more states may leave, over that of the simulation with
         /// linear effects and over that of a linear model with as many states, for the simulation to lack states.

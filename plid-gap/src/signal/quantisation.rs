@@ -113,9 +113,9 @@ fn hidden(records: &[Record], o: usize, step: f64) -> Option<f64> {
     (width > 2.0).then(|| (step / width).powi(2))
 }
 
-/// Returns whether a converter truncates: its code zero is then twice as wide as the others. The likelihood of the codes
-/// of a Gaussian signal, of the size that suits each random record best, is compared with that for rounding. At least
-/// `least` values must lie in the two codes next to zero.
+/// Returns whether a converter truncates: its code zero is then twice as wide as the others. The likelihood of the
+/// codes of a Gaussian signal, of the size that suits each random record best, is compared with that for rounding. At
+/// least `least` values must lie in the two codes next to zero.
 fn cuts(records: &[Record], o: usize, step: f64, least: f64) -> bool {
     let (mut next, mut gain) = (0, 0.0);
     for record in records.iter().filter(|record| record.excitation == Excitation::Random) {
@@ -430,8 +430,8 @@ mod tests {
         assert!(found[1].coarse && !found[1].cut);
     }
 
-    /// With a simulation that is off by a hundredth of a step, most of the error of a step of twice the signal's size is removed. With
-    /// one that is off by as much as a step, the values stay as they are.
+    /// With a simulation that is off by a hundredth of a step, most of the error of a step of twice the signal's size
+    /// is removed. With one that is off by as much as a step, the values stay as they are.
     #[test]
     fn the_error_of_rounding_is_predicted_by_a_good_simulation() {
         const STEP: f64 = 2.0;
