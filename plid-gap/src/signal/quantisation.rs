@@ -146,8 +146,10 @@ fn likelihood(counts: &BTreeMap<u64, usize>, edge: f64) -> f64 {
     sizes.map(of_size).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// Number of sizes of a signal that are tried, and how far they lie on either side of that of the codes, as a factor.
+/// Number of sizes of a signal that are tried.
 const SIZES: usize = 101;
+
+/// Largest ratio between a size that is tried and that of the codes, in either direction.
 const SIZE_RANGE: f64 = 4.0;
 
 /// Adds half a step to truncated values. The sign of a value in the code zero is that of the simulation, which is the
@@ -417,6 +419,7 @@ mod tests {
             assert!(mean(&records).abs() < 0.2 * before, "{} of {before}", mean(&records));
         }
     }
+
     /// A weak record whose values leave the code zero rarely does not make rounding look like truncation.
     #[test]
     fn a_weak_record_does_not_make_rounding_truncation() {
