@@ -14,7 +14,6 @@ use crate::diagnose::explain::explain;
 use crate::diagnose::finding::Finding;
 use crate::effects::{Library, Observation};
 use crate::error::GapError;
-use crate::fit::free_run::outputs;
 use crate::fit::refit::{self, Refit, refit};
 use crate::prepare::{Prepared, prepare};
 use crate::search::rules::{Rules, require_names};
@@ -72,7 +71,7 @@ impl<'a> Groundwork<'a> {
         require_names(&audit.case.config, library.effects(), &ready.problem.setting)?;
         say("bounded refit".into());
         let mut refitted = refit(&ready.problem, refit::STEPS);
-        if ready.unround(&outputs(&ready.problem, &refitted.eta, &[])) {
+        if ready.unround(&refitted.eta) {
             refitted = refit(&ready.problem, refit::STEPS);
         }
         ready.renew_missing(&refitted.eta);

@@ -281,9 +281,14 @@ impl Prepared {
         true
     }
 
-    /// Corrects coarsely rounded values by these free runs. Returns whether there are any.
-    pub fn unround(&mut self, simulated: &[Channels]) -> bool {
-        quantisation::unround(&mut self.problem.records, simulated, &self.quantisation)
+    /// Corrects coarsely rounded values by the free runs of a refit. Returns whether there are any.
+    pub fn unround(&mut self, eta: &[f64]) -> bool {
+        let rounds = self.quantisation.iter().any(Quantisation::rounds);
+        if rounds {
+            let simulated = outputs(&self.problem, eta, &[]);
+            quantisation::unround(&mut self.problem.records, &simulated, &self.quantisation);
+        }
+        rounds
     }
 
     /// Removes a line whose phase wanders from the records. If `may_be` and the records rather show a random force in a

@@ -38,6 +38,13 @@ pub struct Quantisation {
     pub repeats: Vec<Vec<usize>>,
 }
 
+impl Quantisation {
+    /// Returns whether the error of rounding is large and can be predicted from the value before the converter.
+    pub fn rounds(&self) -> bool {
+        self.coarse && self.grid && !self.cut
+    }
+}
+
 /// Examines every output; `errors` are those of the simulation as given (p channels, one for each record).
 pub fn of_outputs(
     records: &[Record],
@@ -172,23 +179,21 @@ pub fn mend(records: &mut [Record], errors: &[Channels], quantisation: &[Quantis
 const HARMONICS: usize = 40;
 
 /// Subtracts the expected error of rounding from the values of coarse converters that round. `simulated` are free runs,
-/// one for each record. How far they are from the value before the converter follows from their errors. Returns whether
-/// there is such a converter.
-pub fn unround(records: &mut [Record], simulated: &[Channels], quantisation: &[Quantisation]) -> bool {
-    let rounds = |output: &Quantisation| output.coarse && output.grid && !output.cut;
+/// one for each record. How far they are from the value before the converter follows from their errors. The codes may
+/// be off from the multiples of the step.
+pub fn unround(records: &mut [Record], simulated: &[Channels], quantisation: &[Quantisation]) {
     for (record, simulated) in records.iter_mut().zip(simulated).filter(|(record, _)| driven(record)) {
         let outputs = record.y.iter_mut().zip(simulated).zip(quantisation);
-        for ((y, simulated), output) in outputs.filter(|(_, output)| rounds(output)) {
+        for ((y, simulated), output) in outputs.filter(|(_, output)| output.rounds()) {
             let step = output.step;
-            y.iter_mut().for_each(|y| *y = (*y / step).round() * step);
+            let Some(off) = y.iter().find(|y| y.is_finite()).map(|y| y - (y / step).round() * step) else { continue };
             let error = rms(y.iter().zip(simulated).map(|(y, simulated)| y - simulated));
             let spread = (error * error - step * step / 12.0).max(0.0).sqrt() / step;
             for (y, simulated) in y.iter_mut().zip(simulated) {
-                *y -= step * expected_rounding(simulated / step, spread);
+                *y -= step * expected_rounding((simulated - off) / step, spread);
             }
         }
     }
-    quantisation.iter().any(rounds)
 }
 
 /// Returns the expected error of rounding to an integer of a Gaussian value with this mean and standard deviation: the
@@ -434,24 +439,28 @@ mod tests {
     }
 
     /// With a simulation that is off by a hundredth of a step, most of the error of a step of twice the signal's size
-    /// is removed. With one that is off by as much as a step, the values stay as they are.
+    /// is removed, wherever the codes lie. With one that is off by as much as a step, the values stay as they are.
     #[test]
     fn the_error_of_rounding_is_predicted_by_a_good_simulation() {
         const STEP: f64 = 2.0;
         let y = testing::random_input(3, 4000, 1).remove(0);
         let noise = testing::random_input(4, 4000, 1).remove(0);
-        let rounded: Vec<f64> = y.iter().map(|y| STEP * (y / STEP).round()).collect();
-        let of = |y: Vec<f64>| vec![record(vec![y])];
-        let seen = of_outputs(&of(rounded.clone()), &[vec![vec![0.0; 4000]]], &[1e-3], &SignalSettings::default());
-        let left = |off: f64| {
-            let mut records = of(rounded.clone());
-            let simulated = y.iter().zip(&noise).map(|(y, noise)| y + off * noise).collect();
-            assert!(unround(&mut records, &[vec![simulated]], &seen));
-            rms(records[0].y[0].iter().zip(&y).map(|(mended, y)| mended - y))
-        };
-        let before = rms(rounded.iter().zip(&y).map(|(rounded, y)| rounded - y));
-        assert!(left(0.02) < 0.3 * before, "{} of {before}", left(0.02));
-        assert!((left(2.0) / before - 1.0).abs() < 0.01, "{} of {before}", left(2.0));
+        for off in [0.0, 0.7] {
+            let code = |y: &f64| STEP * ((y - off) / STEP).round() + off;
+            let rounded: Vec<f64> = y.iter().map(code).collect();
+            let of = |y: Vec<f64>| vec![record(vec![y])];
+            let seen = of_outputs(&of(rounded.clone()), &[vec![vec![0.0; 4000]]], &[1e-3], &SignalSettings::default());
+            assert!(seen[0].rounds());
+            let left = |by: f64| {
+                let mut records = of(rounded.clone());
+                let simulated = y.iter().zip(&noise).map(|(y, noise)| y + by * noise).collect();
+                unround(&mut records, &[vec![simulated]], &seen);
+                rms(records[0].y[0].iter().zip(&y).map(|(mended, y)| mended - y))
+            };
+            let before = rms(rounded.iter().zip(&y).map(|(rounded, y)| rounded - y));
+            assert!(left(0.02) < 0.3 * before, "{} of {before}", left(0.02));
+            assert!((left(2.0) / before - 1.0).abs() < 0.01, "{} of {before}", left(2.0));
+        }
     }
 
     /// The expected error of rounding, by the sum over the codes.
