@@ -42,7 +42,8 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
     let opened = opened(explained);
     let floor = floor(explained, &explained.noise_rms());
     let limits = blocks(&opened, within, &[]);
-    let jacobian = (named.len() > 1).then(|| problem.jacobian(&problem.nuisance.apply(&problem.plant, &fit.eta)));
+    let refitted = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let jacobian = (named.len() > 1).then(|| problem.jacobian(&refitted));
     let sibling = explained.free_shape.as_ref().map(|free| (free.which, fit.effects.len() - 1));
     let others = |removed: &[usize]| -> Vec<Placed> {
         let is_removed = |placed: &Placed| removed.iter().any(|&which| same(placed, &named[which]));
@@ -68,18 +69,18 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
         let own: Vec<Placed> = those.iter().map(|&which| named[which].clone()).collect();
         blocks(&opened, &problem.plant, &problem.actions(&own)).gap()
     };
-    let made = |removed: &[usize]| {
+    let given = explained.ready.widened.is_some().then(|| alone(&[]));
+    let made = |removed: &[usize], given: f64| {
         let rest = [others(removed), explained.offsets.clone()].concat();
-        let without = blocks(&opened, &problem.nuisance.apply(&problem.plant, &fit.eta), &problem.actions(&rest)).gap();
-        let opens = without.powi(2) - with.gap().powi(2);
-        opens.min(alone(&[]).powi(2) - alone(removed).powi(2))
+        let opens = blocks(&opened, &refitted, &problem.actions(&rest)).gap().powi(2) - with.gap().powi(2);
+        opens.min(given.powi(2) - alone(removed).powi(2))
     };
     let of = |removed: &[usize]| {
         let without = without(removed);
         let (missing, rest) = (without.gap(), with.gap());
         let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
         let closed = (missing * missing - rest * rest).max(0.0);
-        let made = if explained.ready.widened.is_some() { closed.max(made(removed)) } else { closed };
+        let made = given.map_or(closed, |given| closed.max(made(removed, given)));
         Share {
             value: share([missing, rest, limits.gap()]),
             ci95: gap::drawn([&without, with, &limits], share),
