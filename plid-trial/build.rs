@@ -4,7 +4,9 @@ use std::path::Path;
 use std::process::Command;
 
 fn main() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    // Not `env!`: two clones with one target folder share the compiled script, and each has its own commit.
+    let package = std::env::var("CARGO_MANIFEST_DIR").expect("set by Cargo");
+    let root = Path::new(&package).join("..");
     let git = |arguments: &[&str]| {
         let output = Command::new("git").arg("-C").arg(&root).args(arguments).output().ok()?;
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())

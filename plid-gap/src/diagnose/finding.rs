@@ -24,7 +24,7 @@ use crate::judge::next_experiment::next_experiment;
 use crate::judge::separability::{Predicted, Rival, rivals};
 use crate::judge::settle_all::with_all;
 use crate::judge::side::places;
-use crate::judge::statement::{About, MINOR, Statement, basis};
+use crate::judge::statement::{About, Statement, basis};
 use crate::judge::stochastic_gap::of_dropped;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::search::rules::Rules;
@@ -78,8 +78,8 @@ impl<'f, 'a> Finding<'f, 'a> {
         // If nothing is missing, there is nothing to distinguish.
         let predicted = (*verdict != Verdict::None).then(|| Predicted::new(&ready.problem, self.explained.fit()));
         let rivals = predicted.as_ref().map_or_else(Vec::new, |predicted| rivals(predicted, best, &found.candidates));
-        let (mut effects, made): (Vec<NamedEffect>, Vec<f64>) = self.named().into_iter().unzip();
-        let statements = self.statements(&effects, &made);
+        let mut effects = self.named();
+        let statements = self.statements(&effects);
         let candidates = self.candidates(&effects);
         let mut candidates = joined(calibrated(candidates, &mut effects, &statements, Calibration::used()));
         let sentence = self.sentence(&effects, &rivals);
@@ -121,10 +121,10 @@ impl<'f, 'a> Finding<'f, 'a> {
         }
     }
 
-    /// Returns the effects with their parameters and the squared gap that each makes, the largest first. The largest
-    /// effect is always named, and further ones only if they make a noticeable gap and, in an imperfect simulation, if
-    /// they are more likely at work than not and make a material gap; the others remain in the prediction.
-    fn named(&self) -> Vec<(NamedEffect, f64)> {
+    /// Returns the effects with their parameters, the one that makes the largest gap first. The largest effect is always
+    /// named, and further ones only if they make a noticeable gap and, in an imperfect simulation, if they are more
+    /// likely at work than not and make a material gap; the others remain in the prediction.
+    fn named(&self) -> Vec<NamedEffect> {
         let Judgement { gaps, shares, shown, squared_gaps, weighted, .. } = &self.judged;
         let best = &self.explained.found.best.effects;
         let near_line = self.explained.ready.problem.settings.prepare.near_line;
@@ -146,13 +146,12 @@ impl<'f, 'a> Finding<'f, 'a> {
         };
         let mut first = true;
         sorted.retain(|sized| std::mem::take(&mut first) || stands(sized));
-        sorted
+        sorted.into_iter().map(|(effect, _)| effect).collect()
     }
 
-    /// Returns the statements of the answer, that of the verdict first. `made` are the squared gaps that the named
-    /// effects make.
-    fn statements(&self, named: &[NamedEffect], made: &[f64]) -> Vec<Statement> {
-        let Judgement { verdict, before, gaps, .. } = &self.judged;
+    /// Returns the statements of the answer, that of the verdict first.
+    fn statements(&self, named: &[NamedEffect]) -> Vec<Statement> {
+        let Judgement { verdict, before, .. } = &self.judged;
         let whole = basis(self.explained);
         let about = match verdict {
             Verdict::Effects => None,
@@ -162,13 +161,11 @@ impl<'f, 'a> Finding<'f, 'a> {
         if let Some(about) = about {
             return vec![Statement { about, before: *before, basis: whole }];
         }
-        let of = |(at, (effect, made)): (usize, (&NamedEffect, &f64))| {
+        let of = |(at, effect): (usize, &NamedEffect)| {
             let about = if at == 0 { About::Effect } else { About::Further };
-            let mut basis = whole.clone();
-            basis.insert(MINOR.into(), (1.0 - made.sqrt() / gaps.as_given).max(0.0));
-            Statement { about, before: effect.confidence, basis }
+            Statement { about, before: effect.confidence, basis: whole.clone() }
         };
-        named.iter().zip(made).enumerate().map(of).collect()
+        named.iter().enumerate().map(of).collect()
     }
 
     /// Returns all explanations with their probabilities. In an imperfect simulation, small effects of the best

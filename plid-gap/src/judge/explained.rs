@@ -212,11 +212,12 @@ impl<'a> Explained<'a> {
         self
     }
 
-    /// Replaces the explanation of an imperfect simulation, if it predicts the held-out records worse than no effect,
-    /// by the next one that predicts them better. There may be none; the explanation then stands, and is not written
-    /// into the simulation.
+    /// Replaces the explanation, if it predicts the held-out records worse than no effect, by the next one that predicts
+    /// them better. There may be none; the explanation then stands, and is not written into the simulation. If an
+    /// explanation leaves only noise, it is replaced only if it predicts the held-out records much worse: its law may be
+    /// wrong where they are louder.
     pub(crate) fn refuse_overfit(mut self) -> Self {
-        if self.ready.widened.is_none() || self.ready.held_out.is_empty() || self.unpredicted.is_some() {
+        if self.ready.held_out.is_empty() || self.unpredicted.is_some() {
             return self;
         }
         let Some(next) = self.predictive() else { return self };
@@ -242,12 +243,13 @@ impl<'a> Explained<'a> {
     /// best one does not.
     fn predictive(&self) -> Option<Fit<'a>> {
         let problem = &self.ready.problem;
-        let JudgeSettings { no_worse, most_refused, .. } = problem.settings.judge;
+        let JudgeSettings { no_worse, most_refused, outdone, .. } = problem.settings.judge;
+        let fails = if self.ready.widened.is_some() { no_worse } else { 1.0 / outdone };
         let given = vec![0.0; problem.nuisance.len()];
         let without = self.opened_gap(&given, &[]).min(self.opened_gap(&self.refitted.eta, &[]));
-        let predicts = |fit: &Fit| self.opened_gap(&fit.eta, &fit.effects) <= no_worse * without;
+        let predicts = |fit: &Fit, limit: f64| self.opened_gap(&fit.eta, &fit.effects) <= limit * without;
         let best = self.predicting();
-        if best.effects.is_empty() || predicts(&best) {
+        if best.effects.is_empty() || predicts(&best, fails) {
             return None;
         }
         let further = self.found.candidates.iter().filter(|candidate| {
@@ -255,7 +257,7 @@ impl<'a> Explained<'a> {
             other && candidate.priced < self.refitted.cost
         });
         let fitted = |c: &Candidate<'a>| polish(problem, Fit { effects: c.effects.clone(), ..self.refitted.as_fit() });
-        further.take(most_refused).map(fitted).find(predicts)
+        further.take(most_refused).map(fitted).find(|fit| predicts(fit, no_worse))
     }
 
     /// Replaces the explanation, and all that rank before no effect, by the refit.

@@ -11,9 +11,6 @@ use crate::settings::JudgeSettings;
 /// The name in the basis of an explanation with an effect whose parameters are at the limit of what its name means.
 pub(crate) const AT_LIMIT: &str = "at-limit";
 
-/// The name in the basis of a named effect of how far the gap that it makes lies below the gap as given.
-pub(crate) const MINOR: &str = "minor";
-
 /// The kind of a statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -98,9 +98,8 @@ pub fn calibrate(fitted: &[Opened], checked: &[Opened], out: &Path) -> Result<Ca
 /// outcomes can determine would follow their chance.
 fn basis(about: About) -> &'static [&'static str] {
     match about {
-        About::Effect | About::Explanation => &["imperfect", "faint", "at-limit", "minor"],
-        About::Further => &["imperfect", "minor"],
-        About::Nothing => &["imperfect"],
+        About::Effect | About::Explanation => &["imperfect", "faint", "at-limit"],
+        About::Further | About::Nothing => &["imperfect"],
         About::Unknown => &[],
     }
 }
