@@ -121,9 +121,9 @@ impl<'f, 'a> Finding<'f, 'a> {
         }
     }
 
-    /// Returns the effects with their parameters, the one that makes the largest gap first. The largest effect is always
-    /// named, and further ones only if they make a noticeable gap and, in an imperfect simulation, if they are more
-    /// likely at work than not and make a material gap; the others remain in the prediction.
+    /// Returns the effects with their parameters, the one that makes the largest gap first. The largest effect is
+    /// always named, and further ones only if they make a noticeable gap and, in an imperfect simulation, if they are
+    /// more likely at work than not and make a material gap; the others remain in the prediction.
     fn named(&self) -> Vec<NamedEffect> {
         let Judgement { gaps, shares, shown, squared_gaps, weighted, .. } = &self.judged;
         let best = &self.explained.found.best.effects;

@@ -212,10 +212,10 @@ impl<'a> Explained<'a> {
         self
     }
 
-    /// Replaces the explanation, if it predicts the held-out records worse than no effect, by the next one that predicts
-    /// them better. There may be none; the explanation then stands, and is not written into the simulation. If an
-    /// explanation leaves only noise, it is replaced only if it predicts the held-out records much worse: its law may be
-    /// wrong where they are louder.
+    /// Replaces the explanation, if it predicts the held-out records worse than no effect, by the next one that
+    /// predicts them better. There may be none; the explanation then stands, and is not written into the simulation. If
+    /// an explanation leaves only noise, it is replaced only if it predicts the held-out records much worse: its law
+    /// may be wrong where they are louder.
     pub(crate) fn refuse_overfit(mut self) -> Self {
         if self.ready.held_out.is_empty() || self.unpredicted.is_some() {
             return self;
