@@ -217,7 +217,7 @@ impl<'a> Explained<'a> {
     /// an explanation leaves only noise, it is replaced only if it predicts the held-out records much worse: its law
     /// may be wrong where they are louder.
     pub(crate) fn refuse_overfit(mut self) -> Self {
-        if self.ready.held_out.is_empty() || self.unpredicted.is_some() {
+        if self.ready.held_out.is_empty() || self.unpredicted.is_some() || self.fit().effects.is_empty() {
             return self;
         }
         let Some(next) = self.predictive() else { return self };
@@ -248,8 +248,7 @@ impl<'a> Explained<'a> {
         let given = vec![0.0; problem.nuisance.len()];
         let without = self.opened_gap(&given, &[]).min(self.opened_gap(&self.refitted.eta, &[]));
         let predicts = |fit: &Fit, limit: f64| self.opened_gap(&fit.eta, &fit.effects) <= limit * without;
-        let best = self.predicting();
-        if best.effects.is_empty() || predicts(&best, fails) {
+        if predicts(&self.predicting(), fails) {
             return None;
         }
         let further = self.found.candidates.iter().filter(|candidate| {
