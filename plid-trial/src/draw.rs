@@ -28,8 +28,12 @@ pub struct Drawn {
     pub repeated: usize,
 }
 
-/// Number of attempts to draw a case, each with another plant and other strengths.
+/// Number of attempts to draw a case, each with other numbers of the plant and other strengths.
 const ATTEMPTS: usize = 60;
+
+/// Number of attempts after which a case is drawn on another kind of plant: on some, an effect is too small at any
+/// strength.
+const ON_ONE_PLANT: usize = 15;
 
 /// The stated limits of a shape allow a gain, or a share of another channel, to be off by this much.
 const SHAPE: f64 = 0.02;
@@ -103,9 +107,11 @@ struct Made {
 /// Draws one case, whose plant, strengths and noise follow from its own seed.
 fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Result<Made, TrialError> {
     let mut rng = ChaCha12Rng::from_seed(derived(seed, "case", index));
+    let plants = planned.plants(&config.draw);
     let mut last = None;
     for repeated in 0..ATTEMPTS {
         let case_seed: u64 = rng.random();
+        let planned = &planned.on(plants[repeated / ON_ONE_PLANT % plants.len()]);
         // The same plant without an effect gives the gap by noise alone.
         let nothing = planned.spec.clone();
         let floor = gap::draw(case_seed, &nothing).map_err(|e| not_drawn(planned, &e))?.label.gap_floor;
@@ -172,4 +178,27 @@ fn what(planned: &Planned) -> String {
 
 fn not_drawn(planned: &Planned, error: &GapError) -> TrialError {
     TrialError::Draw { what: what(planned), reason: error.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Cases, Draw};
+    use crate::plan::{Arm, Wanted};
+    use crate::vocabulary::Outsiders;
+    use plid_testbed::gap::PlantKind;
+
+    /// A jitter of the delay makes a gap of 3 % on no slider, so it is drawn on the other plant.
+    #[test]
+    fn a_case_that_its_plant_does_not_allow_is_drawn_on_another() {
+        let outsiders = Outsiders::All.kinds();
+        let kind = *outsiders.iter().find(|kind| kind.name == "x-delay-jitter").unwrap();
+        let effects = vec![Wanted { kind, at: None, law: None }];
+        let spec = GapSpec { plant: PlantKind::Slider, channels: PlantKind::Slider.channels(), ..GapSpec::default() };
+        let planned = Planned { arm: Arm::Outsider, effects, spec, without: Vec::new() };
+        let draw = Draw { plants: vec![PlantKind::Slider, PlantKind::Truss], least: 0.03, ..Draw::default() };
+        let config = TrialConfig { name: "t".to_owned(), cases: Cases::default(), draw };
+        let moved = one(&config, 3, 0, &planned).unwrap();
+        assert_eq!((moved.drawn.spec.plant, moved.repeated), (PlantKind::Truss, ON_ONE_PLANT));
+    }
 }

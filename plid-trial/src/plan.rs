@@ -53,6 +53,35 @@ pub(crate) struct Planned {
     pub without: Vec<String>,
 }
 
+impl Planned {
+    /// Returns the kinds of plants on which its effects make sense, the planned one first.
+    pub(crate) fn plants(&self, draw: &Draw) -> Vec<PlantKind> {
+        let planned = self.spec.plant;
+        let takes = |plant: &PlantKind| self.effects.iter().all(|wanted| plant.takes(wanted.kind.name));
+        let others = draw.plants.iter().copied().filter(|plant| *plant != planned && takes(plant));
+        std::iter::once(planned).chain(others).collect()
+    }
+
+    /// Returns the case on a plant of this kind.
+    pub(crate) fn on(&self, plant: PlantKind) -> Self {
+        let mut moved = self.clone();
+        if plant == self.spec.plant {
+            return moved;
+        }
+        let most = plant.channels();
+        moved.spec.plant = plant;
+        moved.spec.channels = if self.effects.iter().any(|wanted| joins_channels(wanted.kind)) {
+            most
+        } else {
+            let Channels { inputs, outputs } = self.spec.channels;
+            Channels { inputs: inputs.min(most.inputs), outputs: outputs.min(most.outputs) }
+        };
+        // The testbed draws the places.
+        moved.effects.iter_mut().for_each(|wanted| wanted.at = None);
+        moved
+    }
+}
+
 /// Returns the cases in the order of their names.
 pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
     let mut rng = ChaCha12Rng::from_seed(derived(seed, "plan", 0));
