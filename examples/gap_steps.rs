@@ -107,7 +107,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
 /// Prints where the gap lies.
 fn print_map(ready: &Prepared) {
     let problem = &ready.problem;
-    let errors = locate::errors(problem);
+    let errors = locate::errors(ready);
     let map = locate::map(&problem.records, &errors, &ready.noise, problem.plant.rate, &problem.settings);
     for (name, share) in problem.setting.names.outputs.iter().zip(&map.outputs) {
         println!("of the gap at {name}: {:.2} ({:.2} to {:.2})", share.value, share.ci95[0], share.ci95[1]);

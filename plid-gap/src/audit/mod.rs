@@ -17,6 +17,7 @@ mod stable;
 mod surrogate;
 mod wiring;
 
+use crate::case::record::{Channels, Record};
 use crate::case::{Case, Intersample};
 use crate::effects::{Library, Units};
 use crate::error::GapError;
@@ -40,6 +41,28 @@ pub struct Audit {
     /// The prior knowledge for the preparation.
     pub known: Known,
     surrogate: Option<Surrogate>,
+}
+
+/// A law of forces inside the plant that was found.
+pub(crate) struct Law {
+    /// In words.
+    pub name: String,
+    /// The names of its effects, with their locations.
+    pub effects: Vec<(String, String)>,
+    /// The force at each port in each fitted record, or in the part of it that is fitted, by the name of the record.
+    pub forces: Vec<(String, Channels)>,
+}
+
+impl Law {
+    /// Returns a record with the forces as further inputs, without its end if that is held out; `None` if its forces
+    /// are unknown.
+    fn drives(&self, record: &Record, rate: f64) -> Option<Record> {
+        let (_, forces) = self.forces.iter().find(|(name, _)| *name == record.name)?;
+        let samples = forces.first()?.len().min(record.samples());
+        let mut driven = record.part(0..samples, rate);
+        driven.u.extend(forces.iter().map(|force| force[..samples].to_vec()));
+        Some(driven)
+    }
 }
 
 /// Audits a case. A case without a simulation gets a surrogate model. `off` are the steps that the diagnosis skips.
@@ -75,14 +98,38 @@ impl Audit {
         look(case, library, &[], &self.known.off, Some(&before), &mut |_| {}).map(Some)
     }
 
+    /// Returns the audit with a model of the records that was identified again with the forces of a law that was found
+    /// ([`surrogate::identify_with`]); `None` if the model is not one of all records, or if a force is unknown.
+    ///
+    /// # Errors
+    /// Those of the first audit, and those of the identification.
+    pub(crate) fn with_law(
+        &self,
+        case: &Case,
+        library: &Library,
+        without: &[String],
+        law: &Law,
+    ) -> Result<Option<Self>, GapError> {
+        let of_records = |record: &Record| record.simulated.is_none();
+        if self.surrogate.is_none() || !case.for_simulation.is_empty() || !case.records.iter().all(of_records) {
+            return Ok(None);
+        }
+        let Some(surrogate) = surrogate::identify_with(case, law)? else {
+            return Ok(None);
+        };
+        let before = Self { surrogate: Some(surrogate), ..self.clone() };
+        look(case, library, without, &self.known.off, Some(&before), &mut |_| {}).map(Some)
+    }
+
     /// Returns the assumed course of the inputs between the samples.
     pub(crate) fn intersample(&self) -> Intersample {
         self.surrogate.as_ref().map_or(Intersample::Zoh, |surrogate| surrogate.intersample)
     }
 
-    /// Returns the model that stands for a simulation that the case does not contain.
+    /// Returns the model that stands for a simulation that the case does not contain: the best linear one, even if the
+    /// diagnosis uses one that was identified with a law.
     pub fn surrogate_model(&self) -> Option<&plid_model::Model> {
-        self.surrogate.as_ref().map(|surrogate| &surrogate.model)
+        self.surrogate.as_ref().map(|surrogate| surrogate.best_linear.as_ref().unwrap_or(&surrogate.model))
     }
 
     /// Returns the mismatch that the audit corrected, if it explains the gap.
@@ -140,8 +187,9 @@ fn look(
     }
     case.model = Some(explained.map_or(model.clone(), |mismatch| mismatch.wiring.applied(&model)));
     case.warnings.extend(found);
-    let (prior_std, model_error) =
-        surrogate.clone().map_or_else(Default::default, |surrogate| (surrogate.prior_std, surrogate.model_error));
+    let (prior_std, best_linear, model_error) = surrogate
+        .clone()
+        .map_or_else(Default::default, |surrogate| (surrogate.prior_std, surrogate.best_linear, surrogate.model_error));
     let known = Known {
         units: Units {
             inputs: case.config.units_of(&case.config.inputs),
@@ -152,6 +200,7 @@ fn look(
         controller: case.controller.clone(),
         limits: case.config.nuisance,
         prior_std,
+        best_linear,
         model_error,
         band_hz: case.config.band_hz,
         // Trends and a surrogate model were estimated without the held-out record.

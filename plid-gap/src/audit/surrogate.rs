@@ -11,6 +11,7 @@ use std::sync::Arc;
 use plid_model::Model;
 use plid_refine::{Options, RefineError, free_run_error};
 
+use crate::audit::Law;
 use crate::case::record::{Channels, Excitation, Record};
 use crate::case::split::driven;
 use crate::case::{Case, Intersample, Limits};
@@ -41,6 +42,8 @@ pub struct Surrogate {
     pub words: String,
     /// Standard deviations of its parameters in the order of [`Nuisance`], by which its prior is widened.
     pub prior_std: Vec<f64>,
+    /// The best linear model of the records, if the model was identified with the forces of a law.
+    pub best_linear: Option<Model>,
     /// Its error on the records from which it was identified, if that is not noise.
     pub model_error: Option<ModelError>,
     /// The assumed course of the inputs between the samples.
@@ -56,23 +59,53 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, G
     let fitted: Vec<Record> = fitted_records(case)?.into_iter().cloned().collect();
     let of_simulator = fitted.iter().all(|record| record.simulated.is_some());
     say(format!("identifying a model from {}", if of_simulator { "the simulated outputs" } else { "the records" }));
-    let (Linear { mut model, std, validation_error }, error, fitted, intersample) =
+    surrogate(case, fitted, of_simulator, None)
+}
+
+/// Identifies the model of the records again, with the forces of a law that was found as further inputs (feedback as
+/// inputs: J. P. Noel and G. Kerschen, Mechanical Systems and Signal Processing 40, 2013). Without them a linear model
+/// contains a part of the law, and its error is so large that the course of the inputs between the samples hardly shows
+/// in it. `None` if the forces in a record are unknown.
+///
+/// # Errors
+/// As [`identify`].
+pub fn identify_with(case: &Case, law: &Law) -> Result<Option<Surrogate>, GapError> {
+    let driven = fitted_records(case)?.into_iter().map(|record| law.drives(record, case.config.rate()));
+    let Some(fitted) = driven.collect::<Option<Vec<_>>>() else { return Ok(None) };
+    surrogate(case, fitted, false, Some(law)).map(Some)
+}
+
+/// Identifies a model of these records, whose inputs may include the forces of a `law` after those of the case.
+fn surrogate(case: &Case, fitted: Vec<Record>, of_simulator: bool, law: Option<&Law>) -> Result<Surrogate, GapError> {
+    let (Linear { mut model, std, validation_error }, error, mut fitted, intersample) =
         either_hold(case, fitted, of_simulator)?;
-    model.inputs.clone_from(&case.config.inputs);
-    model.outputs.clone_from(&case.config.outputs);
-    model.initial_state = None;
-    case.config.declare_kinds(&mut model);
-    let mut words =
-        words(&model, &case.for_simulation, of_simulator, [error, validation_error], &case.config.settings.audit);
+    let set_aside = !case.for_simulation.is_empty();
+    let model_error =
+        if of_simulator { None } else { model_error(&model, &fitted, set_aside, &case.config.settings.plant)? };
+    // Without the forces, the model is that of the plant alone.
+    let m = case.config.inputs.len();
+    model.b = model.b.columns(0, m).into_owned();
+    model.d = model.d.columns(0, m).into_owned();
+    model.noise.actuator_std.iter_mut().for_each(|std| std.truncate(m));
+    fitted.iter_mut().for_each(|record| record.u.truncate(m));
+    let mut best_linear = law.map(|_| linear(case, &fitted, false)).transpose()?.map(|(linear, _)| linear.model);
+    for model in best_linear.iter_mut().chain([&mut model]) {
+        model.inputs.clone_from(&case.config.inputs);
+        model.outputs.clone_from(&case.config.outputs);
+        model.initial_state = None;
+        case.config.declare_kinds(model);
+    }
+    let errors = [error, validation_error];
+    let mut words = words(&model, &case.for_simulation, of_simulator, errors, &case.config.settings.audit);
+    if let Some(law) = law {
+        words += &format!(" It was identified with the force of {} as a further input.", law.name);
+    }
     if !intersample.is_zoh() {
         words += " The inputs are assumed to vary linearly between samples, which fits better than steps.";
     }
-    let set_aside = !case.for_simulation.is_empty();
     let free = |plant: &Plant| !of_simulator && (!set_aside || plant.modes.is_empty());
     let prior_std = prior_std(&model, &fitted, &std, free, &case.config.settings)?;
-    let model_error =
-        if of_simulator { None } else { model_error(&model, &fitted, set_aside, &case.config.settings.plant)? };
-    Ok(Surrogate { model, words, prior_std, model_error, intersample })
+    Ok(Surrogate { model, words, prior_std, best_linear, model_error, intersample })
 }
 
 /// Identifies the model with both holds of the inputs, if it is one of the records, and returns the better one with its

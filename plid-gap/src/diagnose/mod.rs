@@ -2,16 +2,18 @@
 
 pub(crate) mod explain;
 mod finding;
+mod law;
 mod shown;
 mod wiring;
 
 use std::cell::OnceCell;
 
 use crate::answer::schema::{Diagnosis, SimulationWithEffects};
-use crate::audit::{Audit, audit};
+use crate::audit::{Audit, Law, audit};
 use crate::case::Case;
 use crate::diagnose::explain::explain;
 use crate::diagnose::finding::Finding;
+use crate::diagnose::law::law;
 use crate::effects::{Library, Observation};
 use crate::error::GapError;
 use crate::fit::refit::{self, Refit, refit};
@@ -93,14 +95,14 @@ impl<'a> Groundwork<'a> {
         let audit = audit(case, library, off, say)?;
         let as_recorded = audit.as_recorded(case, library)?;
         let ground = Self::new(case, library, audit, say)?;
-        let outcome = finish(&ground, &ground.audit, &[], say)?;
+        let outcome = answer(&ground, &ground.audit, &[], say)?;
         let (Some(audit), Some(mismatch)) = (as_recorded, ground.audit.put_right()) else {
             return Ok((outcome, ground));
         };
         say("without the correction of the channels".into());
         let settings = &case.config.settings.audit;
         let recorded = Self::new(case, library, audit, say)?;
-        let other = finish(&recorded, &recorded.audit, &[], say)?;
+        let other = answer(&recorded, &recorded.audit, &[], say)?;
         let (outcome, is_real) = wiring::decided(outcome, other, &mismatch.sentence, settings);
         Ok((outcome, if is_real { ground } else { recorded }))
     }
@@ -111,7 +113,7 @@ impl<'a> Groundwork<'a> {
     /// # Errors
     /// [`GapError`].
     pub fn leave_out(&self, without: &[String], say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
-        finish(self, &self.audit.without(self.case, self.library, without)?, without, say)
+        answer(self, &self.audit.without(self.case, self.library, without)?, without, say)
     }
 }
 
@@ -119,13 +121,48 @@ fn model(audit: &Audit) -> Result<&plid_model::Model, GapError> {
     audit.case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))
 }
 
-/// Completes a diagnosis with the steps that depend on which effects are known.
-fn finish(
+/// Largest number of further models of the records that are tried.
+const MOST_MODELS: usize = 3;
+
+/// Gap over that of the noise alone up to which no better model of the records is needed.
+const NEAR_NOISE: f64 = 1.1;
+
+/// Completes a diagnosis with the steps that depend on which effects are known. If the simulation is a model of the
+/// records themselves, it is identified again with the forces of the laws that were found, and the diagnosis is
+/// repeated with it. The second answer stands if one of these laws comes first in it, and if it leaves less.
+fn answer(
     ground: &Groundwork,
     audit: &Audit,
     without: &[String],
     say: &mut dyn FnMut(String),
 ) -> Result<Outcome, GapError> {
+    let (mut outcome, mut law) = finish(ground, audit, without, say)?;
+    for _ in 0..MOST_MODELS {
+        let left = &outcome.diagnosis.gap;
+        let Some(found) = law.take().filter(|_| left.with_effect > NEAR_NOISE * left.noise_floor) else { break };
+        // The records may not determine a model with the forces as further inputs, and the answer stands.
+        let Ok(Some(audit)) = audit.with_law(ground.case, ground.library, without, &found) else { break };
+        say(format!("repeated with a model that was identified with the force of {} as a further input", found.name));
+        let Ok(again) = Groundwork::new(ground.case, ground.library, audit, say) else { break };
+        let Ok((other, next)) = finish(&again, &again.audit, without, say) else { break };
+        let first = other.diagnosis.effects.first().map(|first| (&first.effect, &first.location));
+        let confirmed = found.effects.iter().any(|(effect, location)| first == Some((effect, location)));
+        let gap = &other.diagnosis.gap;
+        if !confirmed || gap.with_effect >= left.with_effect.min(gap.as_given) {
+            break;
+        }
+        (outcome, law) = (other, next);
+    }
+    Ok(outcome)
+}
+
+/// Returns the answer, and the laws in it if the simulation is a model of the records.
+fn finish(
+    ground: &Groundwork,
+    audit: &Audit,
+    without: &[String],
+    say: &mut dyn FnMut(String),
+) -> Result<(Outcome, Option<Law>), GapError> {
     let config = &audit.case.config;
     let rules = Rules { suspects: &config.suspects, exclude: &config.exclude, without };
     let (ready, refitted) = (ground.ready.clone(), ground.refitted.clone());
@@ -144,5 +181,6 @@ fn finish(
     let diagnosis = finding.diagnosis(say);
     let given = ground.case.model.as_ref().or(audit.surrogate_model());
     let simulation = finding.simulation((model(audit)?, given.map_or_else(|| model(audit), Ok)?));
-    Ok(Outcome { diagnosis, simulation, shown: finding.shown() })
+    let law = audit.surrogate_model().and_then(|_| law(&explained));
+    Ok((Outcome { diagnosis, simulation, shown: finding.shown() }, law))
 }

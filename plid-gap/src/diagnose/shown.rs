@@ -79,7 +79,7 @@ impl Finding<'_, '_> {
             after,
             adequacy: *judged,
             stages: found.stages.iter().map(|entries| shown(entries, names)).collect(),
-            trace: [trace.y.clone(), run(&problem.plant, &[], trace), run(plant, actions, trace)],
+            trace: [trace.y.clone(), run(ready.as_given(), &[], trace), run(plant, actions, trace)],
             trace_record: trace.name.clone(),
             evidence: self.evidence,
             stochastic: self
@@ -98,7 +98,7 @@ impl Finding<'_, '_> {
 
     /// Simulates one record of each level.
     fn levels(&self) -> Vec<LevelRun> {
-        let given = &self.explained.ready.problem.plant;
+        let given = self.explained.ready.as_given();
         let one = |record: &Record| LevelRun {
             record: record.name.clone(),
             level: record.level(),

@@ -245,8 +245,8 @@ impl<'a> Explained<'a> {
         let problem = &self.ready.problem;
         let JudgeSettings { no_worse, most_refused, outdone, .. } = problem.settings.judge;
         let fails = if self.ready.widened.is_some() { no_worse } else { 1.0 / outdone };
-        let given = vec![0.0; problem.nuisance.len()];
-        let without = self.opened_gap(&given, &[]).min(self.opened_gap(&self.refitted.eta, &[]));
+        let given = blocks(&opened(self), self.ready.as_given(), &[]).gap();
+        let without = given.min(self.opened_gap(&self.refitted.eta, &[]));
         let predicts = |fit: &Fit, limit: f64| self.opened_gap(&fit.eta, &fit.effects) <= limit * without;
         if predicts(&self.predicting(), fails) {
             return None;

@@ -6,9 +6,10 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::case::record::{Channels, Excitation, Record, rms};
-use crate::fit::problem::Problem;
+use crate::fit::free_run::run;
 use crate::judge::gap::middle;
 use crate::noise::NoiseModel;
+use crate::prepare::Prepared;
 use crate::settings::GapSettings;
 use crate::simulate::Fineness;
 use plid_fourier::C;
@@ -68,7 +69,11 @@ pub struct Map {
 }
 
 /// Returns the errors of the simulation as given (p channels), one for each record.
-pub fn errors(problem: &Problem) -> Vec<Channels> {
+pub fn errors(ready: &Prepared) -> Vec<Channels> {
+    let problem = &ready.problem;
+    if let Some(best_linear) = &ready.best_linear {
+        return problem.records.iter().map(|record| record.error(&run(best_linear, &[], record))).collect();
+    }
     let eta = vec![0.0; problem.nuisance.len()];
     (0..problem.records.len())
         .map(|index| {

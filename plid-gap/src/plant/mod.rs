@@ -16,6 +16,7 @@ mod motion;
 mod ports;
 mod reciprocal;
 mod sensor;
+mod shown_forces;
 mod spectrum;
 
 use std::sync::Arc;

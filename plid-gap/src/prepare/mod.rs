@@ -55,6 +55,9 @@ pub struct Prepared {
     pub wandering: Vec<Wandering>,
     /// A random force in a frequency band, which is part of the noise.
     pub coloured: Option<Coloured>,
+    /// If the simulation is a model of the records that was identified with the forces of a law, their best linear
+    /// model.
+    pub best_linear: Option<Plant>,
     /// Steps that the diagnosis skips.
     pub off: Vec<Step>,
     /// If no explanation leaves only noise, the factor by which the simulation's limits are exceeded. The remaining
@@ -73,6 +76,8 @@ pub struct Known {
     pub prior_std: Vec<f64>,
     /// For a surrogate model, its error on the records that it was identified from.
     pub model_error: Option<ModelError>,
+    /// For a surrogate model that was identified with the forces of a law, the best linear model of the same records.
+    pub best_linear: Option<Model>,
     /// The frequency band in Hz that counts; all frequencies if `None`.
     pub band_hz: Option<[f64; 2]>,
     /// Units of the channels.
@@ -137,6 +142,8 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let noise = rounded(noise, &quiet, &quantisation, (&declared_sensor, declares));
     let whiteners = whiteners(&fitted, &noise, plant.rate, &quantisation);
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).with_prior_std(&known.prior_std);
+    let best_linear =
+        known.best_linear.as_ref().map(|model| Plant::with_settings(model, &settings.plant)).transpose()?;
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings, strong: false };
     Ok(Prepared {
         problem,
@@ -149,6 +156,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         quantisation,
         wandering: Vec::new(),
         coloured: None,
+        best_linear,
         off: off.clone(),
         widened: None,
         not_of_time: Vec::new(),
@@ -170,6 +178,12 @@ pub struct NoiseLevel {
 }
 
 impl Prepared {
+    /// Returns the plant whose gap is that without effects: the simulation as given, or the best linear model of the
+    /// records if there is none.
+    pub fn as_given(&self) -> &Plant {
+        self.best_linear.as_ref().unwrap_or(&self.problem.plant)
+    }
+
     /// Returns the sum of squares of the whitened differences between the periods of driven records, without these
     /// simulations, and its degrees of freedom.
     fn between_periods(&self, simulated: &[Channels]) -> (f64, f64) {

@@ -11,7 +11,7 @@ use crate::case::{Case, PortConfig};
 use crate::effects::Library;
 use crate::judge::verdict::Verdict;
 use crate::testing::blind::integrate;
-use crate::testing::{add_noise, first_is, four_records, held, random_input};
+use crate::testing::{add_noise, first_is, four_records, held, only, random_input};
 
 pub(super) const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
@@ -445,4 +445,26 @@ fn friction_that_sticks_is_told_from_a_smooth_curve() {
         let value = friction.parameters[name].value;
         assert!((value / size - 1.0).abs() < 0.05, "{name} {value}: {}", found.sentence);
     }
+}
+
+/// Without a simulation, the linear model of the records is identified again with the force of the spring that was
+/// found, and the answer leaves no more than the noise.
+#[test]
+fn a_model_of_the_records_is_identified_with_the_law() {
+    let axis = Axis { mass: 1.0, c: 3.0, k: 4000.0, force: |d, _| -4.0e7 * d.powi(3), position: true };
+    let mut case = axis.case();
+    (case.model, case.config.sim, case.config.states) = (None, None, Some(2));
+    only(&mut case, &["cubic-stiffness", "clearance", "coulomb-friction"]);
+    let mut repeated = 0;
+    let mut say = |step: String| repeated += usize::from(step.starts_with("repeated with a model"));
+    let found = crate::diagnose(&case, &Library::standard(), &mut say).unwrap().diagnosis;
+    assert_eq!(repeated, 1);
+    first_is(&found, "cubic-stiffness", "input:u1");
+    let words = "It was identified with the force of cubic-stiffness at input:u1 as a further input.";
+    assert!(found.warnings[0].contains(words), "{:?}", found.warnings);
+    let gap = &found.gap;
+    assert!(gap.with_effect < 1.05 * gap.noise_floor, "{gap:?}");
+    // The gap without effects is that of the best linear model, whose refit is that model.
+    assert_eq!([gap.refit, gap.free_refit, gap.within_limits], [gap.as_given; 3]);
+    assert!((0.1..0.13).contains(&gap.as_given), "{gap:?}");
 }

@@ -79,13 +79,8 @@ fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
         from += samples;
     }
     let ready = prepare(&model, &records, &Known::default()).unwrap();
-    let map = locate::map(
-        &ready.problem.records,
-        &locate::errors(&ready.problem),
-        &ready.noise,
-        RATE,
-        &ready.problem.settings,
-    );
+    let errors = locate::errors(&ready);
+    let map = locate::map(&ready.problem.records, &errors, &ready.noise, RATE, &ready.problem.settings);
     (map, side(&ready))
 }
 

@@ -1,0 +1,38 @@
+//! The forces of the laws that an explanation contains, in the records that were fitted.
+
+use crate::audit::Law;
+use crate::effects::Action;
+use crate::fit::candidate::in_words;
+use crate::fit::problem::{Placed, Problem};
+use crate::judge::explained::Explained;
+use crate::simulate::{Fineness, Run, State, before_sensors};
+
+/// Returns the laws of the best explanation with their forces; `None` if it has none, or if the forces act on a motion
+/// that is an input, or within a loop.
+pub(super) fn law(explained: &Explained) -> Option<Law> {
+    let problem = &explained.ready.problem;
+    let Problem { plant, nuisance, records, setting, .. } = problem;
+    let fit = explained.fit();
+    let at = |action: &Action| if let Action::Force(port, _) = action { Some(*port) } else { None };
+    let ports_of = |placed: &Placed| problem.actions(std::slice::from_ref(placed)).iter().filter_map(at).collect();
+    let mut ports: Vec<usize> = fit.effects.iter().flat_map::<Vec<usize>, _>(ports_of).collect();
+    ports.sort_unstable();
+    ports.dedup();
+    if ports.is_empty() || plant.controller.is_some() || ports.iter().any(|&k| plant.ports[k].moved_by().is_some()) {
+        return None;
+    }
+    let shown = nuisance.apply(plant, &fit.eta).showing_forces(&ports);
+    let actions = problem.actions(&fit.effects);
+    let starts: Vec<Option<State>> = (0..records.len()).map(|k| nuisance.start(k, &fit.eta)).collect();
+    let run = |k: usize| Run { actions: &actions, u: &records[k].u, t0: records[k].start_s, start: starts[k].as_ref() };
+    let runs: Vec<Run> = (0..records.len()).map(run).collect();
+    let forces = before_sensors(&shown, &runs, Fineness::FINE).into_iter().map(|mut y| y.split_off(plant.p));
+    // The free shape of a law is that law.
+    let found = &explained.found.best.effects;
+    let laws: Vec<Placed> = found.iter().filter(|placed| !ports_of(placed).is_empty()).cloned().collect();
+    Some(Law {
+        name: in_words(&laws, &setting.names),
+        effects: laws.iter().map(|law| (law.effect.name().into(), law.place.location(&setting.names))).collect(),
+        forces: records.iter().map(|record| record.name.clone()).zip(forces).collect(),
+    })
+}
