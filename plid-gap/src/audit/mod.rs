@@ -49,7 +49,8 @@ pub(crate) struct Law {
     pub name: String,
     /// The names of its effects, with their locations.
     pub effects: Vec<(String, String)>,
-    /// The force at each port in each fitted record, or in the part of it that is fitted, by the name of the record.
+    /// The force at each port in each fitted record, or in the part of it that is fitted, by the name of the record. Its
+    /// scale is arbitrary.
     pub forces: Vec<(String, Channels)>,
 }
 
@@ -98,8 +99,14 @@ impl Audit {
         look(case, library, &[], &self.known.off, Some(&before), &mut |_| {}).map(Some)
     }
 
+    /// Returns whether the simulation is a model of all records, because the case gives none.
+    pub(crate) fn is_of_records(&self, case: &Case) -> bool {
+        let measured = |record: &Record| record.simulated.is_none();
+        self.surrogate.is_some() && case.for_simulation.is_empty() && case.records.iter().all(measured)
+    }
+
     /// Returns the audit with a model of the records that was identified again with the forces of a law that was found
-    /// ([`surrogate::identify_with`]); `None` if the model is not one of all records, or if a force is unknown.
+    /// ([`surrogate::identify_with`]); `None` if the forces in a record are unknown.
     ///
     /// # Errors
     /// Those of the first audit, and those of the identification.
@@ -110,13 +117,7 @@ impl Audit {
         without: &[String],
         law: &Law,
     ) -> Result<Option<Self>, GapError> {
-        let of_records = |record: &Record| record.simulated.is_none();
-        if self.surrogate.is_none() || !case.for_simulation.is_empty() || !case.records.iter().all(of_records) {
-            return Ok(None);
-        }
-        let Some(surrogate) = surrogate::identify_with(case, law)? else {
-            return Ok(None);
-        };
+        let Some(surrogate) = surrogate::identify_with(case, law)? else { return Ok(None) };
         let before = Self { surrogate: Some(surrogate), ..self.clone() };
         look(case, library, without, &self.known.off, Some(&before), &mut |_| {}).map(Some)
     }

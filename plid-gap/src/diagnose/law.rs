@@ -1,6 +1,7 @@
 //! The forces of the laws that an explanation contains, in the records that were fitted.
 
 use crate::audit::Law;
+use crate::case::record::{Channels, rms};
 use crate::effects::Action;
 use crate::fit::candidate::in_words;
 use crate::fit::problem::{Placed, Problem};
@@ -26,7 +27,13 @@ pub(super) fn law(explained: &Explained) -> Option<Law> {
     let starts: Vec<Option<State>> = (0..records.len()).map(|k| nuisance.start(k, &fit.eta)).collect();
     let run = |k: usize| Run { actions: &actions, u: &records[k].u, t0: records[k].start_s, start: starts[k].as_ref() };
     let runs: Vec<Run> = (0..records.len()).map(run).collect();
-    let forces = before_sensors(&shown, &runs, Fineness::FINE).into_iter().map(|mut y| y.split_off(plant.p));
+    let simulated = before_sensors(&shown, &runs, Fineness::FINE).into_iter();
+    let mut forces: Vec<Channels> = simulated.map(|mut y| y.split_off(plant.p)).collect();
+    // An identification needs inputs of similar sizes.
+    for port in 0..ports.len() {
+        let size = rms(forces.iter().flat_map(|forces| &forces[port])).max(f64::MIN_POSITIVE);
+        forces.iter_mut().flat_map(|forces| &mut forces[port]).for_each(|force| *force /= size);
+    }
     // The free shape of a law is that law.
     let found = &explained.found.best.effects;
     let laws: Vec<Placed> = found.iter().filter(|placed| !ports_of(placed).is_empty()).cloned().collect();

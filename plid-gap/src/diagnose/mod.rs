@@ -156,7 +156,7 @@ fn answer(
     Ok(outcome)
 }
 
-/// Returns the answer, and the laws in it if the simulation is a model of the records.
+/// Returns the answer, and the laws in it if the simulation is a model of all records.
 fn finish(
     ground: &Groundwork,
     audit: &Audit,
@@ -181,6 +181,6 @@ fn finish(
     let diagnosis = finding.diagnosis(say);
     let given = ground.case.model.as_ref().or(audit.surrogate_model());
     let simulation = finding.simulation((model(audit)?, given.map_or_else(|| model(audit), Ok)?));
-    let law = audit.surrogate_model().and_then(|_| law(&explained));
+    let law = if audit.is_of_records(ground.case) { law(&explained) } else { None };
     Ok((Outcome { diagnosis, simulation, shown: finding.shown() }, law))
 }
