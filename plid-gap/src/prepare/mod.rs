@@ -100,9 +100,7 @@ pub struct Known {
 /// [`GapError`] if the simulation cannot be decomposed; [`GapError::Port`] if a port of the case has no motion.
 pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepared, GapError> {
     let settings = Arc::new(known.settings.clone());
-    let mut plant = Plant::with_settings(model, &settings.plant)?;
-    declare(&mut plant, &known.ports)?;
-    known.controller.iter().cloned().for_each(|controller| plant.close(controller));
+    let (plant, best_linear) = plants(model, known)?;
     let (mut fitted, mut held_out) = split(records, &settings.case);
     let mut errors = given_errors(&plant, &fitted);
     if known.may_divide {
@@ -142,8 +140,6 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let noise = rounded(noise, &quiet, &quantisation, (&declared_sensor, declares));
     let whiteners = whiteners(&fitted, &noise, plant.rate, &quantisation);
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).with_prior_std(&known.prior_std);
-    let best_linear =
-        known.best_linear.as_ref().map(|model| Plant::with_settings(model, &settings.plant)).transpose()?;
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings, strong: false };
     Ok(Prepared {
         problem,
@@ -161,6 +157,16 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         widened: None,
         not_of_time: Vec::new(),
     })
+}
+
+/// Returns the plant with the ports and the controller of the case, and the best linear model of the records if the
+/// plant is another one.
+fn plants(model: &Model, known: &Known) -> Result<(Plant, Option<Plant>), GapError> {
+    let of = |model: &Model| Plant::with_settings(model, &known.settings.plant);
+    let mut plant = of(model)?;
+    declare(&mut plant, &known.ports)?;
+    known.controller.iter().cloned().for_each(|controller| plant.close(controller));
+    Ok((plant, known.best_linear.as_ref().map(of).transpose()?))
 }
 
 /// The noise level and its uncertainty.
