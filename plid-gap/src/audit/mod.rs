@@ -49,8 +49,8 @@ pub(crate) struct Law {
     pub name: String,
     /// The names of its effects, with their locations.
     pub effects: Vec<(String, String)>,
-    /// The force at each port in each fitted record, or in the part of it that is fitted, by the name of the record. Its
-    /// scale is arbitrary.
+    /// The force at each port in each fitted record, or in the part of it that is fitted, by the name of the record.
+    /// Its scale is arbitrary.
     pub forces: Vec<(String, Channels)>,
 }
 

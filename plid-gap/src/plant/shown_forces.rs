@@ -2,8 +2,8 @@ use super::{KindSource, Plant, Sensed};
 use plid_fourier::C;
 
 impl Plant {
-    /// Returns the same plant with further outputs, after its own: the forces that act at these ports. A controller gets
-    /// none of them.
+    /// Returns the same plant with further outputs, after its own: the forces that act at these ports. A controller
+    /// gets none of them.
     pub(crate) fn showing_forces(&self, ports: &[usize]) -> Self {
         let mut shown = self.clone();
         shown.p += ports.len();
