@@ -1,7 +1,7 @@
 //! The forces of the laws that an explanation contains, in the records that were fitted.
 
 use crate::audit::Law;
-use crate::case::record::{Channels, rms};
+use crate::case::record::{Channels, Record, rms};
 use crate::effects::Action;
 use crate::fit::candidate::in_words;
 use crate::fit::problem::{Placed, Problem};
@@ -30,9 +30,10 @@ pub(super) fn law(explained: &Explained) -> Option<Law> {
     let simulated = before_sensors(&shown, &runs, Fineness::FINE).into_iter();
     let mut forces: Vec<Channels> = simulated.map(|mut y| y.split_off(plant.p)).collect();
     // An identification needs inputs of similar sizes.
+    let level = records.iter().map(Record::level).fold(0.0, f64::max);
     for port in 0..ports.len() {
-        let size = rms(forces.iter().flat_map(|forces| &forces[port])).max(f64::MIN_POSITIVE);
-        forces.iter_mut().flat_map(|forces| &mut forces[port]).for_each(|force| *force /= size);
+        let scale = level / rms(forces.iter().flat_map(|forces| &forces[port])).max(f64::MIN_POSITIVE);
+        forces.iter_mut().flat_map(|forces| &mut forces[port]).for_each(|force| *force *= scale);
     }
     // The free shape of a law is that law.
     let found = &explained.found.best.effects;

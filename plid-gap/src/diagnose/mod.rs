@@ -8,7 +8,7 @@ mod wiring;
 
 use std::cell::OnceCell;
 
-use crate::answer::schema::{Diagnosis, SimulationWithEffects};
+use crate::answer::schema::{Diagnosis, NamedEffect, SimulationWithEffects};
 use crate::audit::{Audit, Law, audit};
 use crate::case::Case;
 use crate::diagnose::explain::explain;
@@ -129,7 +129,7 @@ const NEAR_NOISE: f64 = 1.1;
 
 /// Completes a diagnosis with the steps that depend on which effects are known. If the simulation is a model of the
 /// records themselves, it is identified again with the forces of the laws that were found, and the diagnosis is
-/// repeated with it. The second answer stands if one of these laws comes first in it, and if it leaves less.
+/// repeated with it. The repeated answer stands if it confirms the law and leaves less.
 fn answer(
     ground: &Groundwork,
     audit: &Audit,
@@ -145,15 +145,26 @@ fn answer(
         say(format!("repeated with a model that was identified with the force of {} as a further input", found.name));
         let Ok(again) = Groundwork::new(ground.case, ground.library, audit, say) else { break };
         let Ok((other, next)) = finish(&again, &again.audit, without, say) else { break };
-        let first = other.diagnosis.effects.first().map(|first| (&first.effect, &first.location));
-        let confirmed = found.effects.iter().any(|(effect, location)| first == Some((effect, location)));
-        let gap = &other.diagnosis.gap;
-        if !confirmed || gap.with_effect >= left.with_effect.min(gap.as_given) {
+        if !confirms(&other.diagnosis, &outcome.diagnosis, &found) {
             break;
         }
         (outcome, law) = (other, next);
     }
     Ok(outcome)
+}
+
+/// Returns whether an answer with a model that was identified with a law confirms it and leaves less: the law comes
+/// first, and no effect is new. An effect that the new model needs is an error of the model.
+fn confirms(other: &Diagnosis, before: &Diagnosis, law: &Law) -> bool {
+    let is_of = |law: &Law, named: &NamedEffect| {
+        law.effects.iter().any(|(effect, location)| (effect, location) == (&named.effect, &named.location))
+    };
+    let known = |named: &NamedEffect| {
+        is_of(law, named) || before.effects.iter().any(|e| (&e.effect, &e.location) == (&named.effect, &named.location))
+    };
+    other.effects.first().is_some_and(|first| is_of(law, first))
+        && other.effects.iter().all(known)
+        && other.gap.with_effect < before.gap.with_effect.min(other.gap.as_given)
 }
 
 /// Returns the answer, and the laws in it if the simulation is a model of all records.
