@@ -57,8 +57,8 @@ impl Planned {
     /// Returns the kinds of plants on which its effects make sense, the planned one first.
     pub(crate) fn plants(&self, draw: &Draw) -> Vec<PlantKind> {
         let planned = self.spec.plant;
-        let takes = |plant: &PlantKind| self.effects.iter().all(|wanted| plant.takes(wanted.kind.name));
-        let others = draw.plants.iter().copied().filter(|plant| *plant != planned && takes(plant));
+        let kinds: Vec<Kind> = self.effects.iter().map(|wanted| wanted.kind).collect();
+        let others = taking(&draw.plants, &kinds).filter(|plant| *plant != planned);
         std::iter::once(planned).chain(others).collect()
     }
 
@@ -68,13 +68,11 @@ impl Planned {
         if plant == self.spec.plant {
             return moved;
         }
-        let most = plant.channels();
         moved.spec.plant = plant;
         moved.spec.channels = if self.effects.iter().any(|wanted| joins_channels(wanted.kind)) {
-            most
+            plant.channels()
         } else {
-            let Channels { inputs, outputs } = self.spec.channels;
-            Channels { inputs: inputs.min(most.inputs), outputs: outputs.min(most.outputs) }
+            at_most(self.spec.channels, plant)
         };
         // The testbed draws the places.
         moved.effects.iter_mut().for_each(|wanted| wanted.at = None);
@@ -169,10 +167,9 @@ fn specs(draw: &Draw, arms: &[(Arm, Vec<Kind>)], rng: &mut ChaCha12Rng) -> Vec<G
         .map(|k| {
             let simulator = if outputs_only[k] { Simulator::Outputs } else { Simulator::Model };
             let off = if misjudged[k] { rng.random_range(-1.0..1.0) } else { 0.0 };
-            let takes = |plant: &PlantKind| arms[k].1.iter().all(|kind| plant.takes(kind.name));
-            let plants: Vec<PlantKind> = draw.plants.iter().copied().filter(takes).collect();
+            let plants: Vec<PlantKind> = taking(&draw.plants, &arms[k].1).collect();
             let plant = one_of(&plants, rng);
-            let (most, channels) = (plant.channels(), one_of(&draw.channels, rng));
+            let channels = at_most(one_of(&draw.channels, rng), plant);
             GapSpec {
                 effects: Vec::new(),
                 perturbed: perturbed[k],
@@ -180,10 +177,7 @@ fn specs(draw: &Draw, arms: &[(Arm, Vec<Kind>)], rng: &mut ChaCha12Rng) -> Vec<G
                 ports: ports[k] && !outputs_only[k],
                 noise_misjudged: if outputs_only[k] { 1.0 } else { 1.5_f64.powf(off) },
                 plant,
-                channels: Channels {
-                    inputs: channels.inputs.min(most.inputs),
-                    outputs: channels.outputs.min(most.outputs),
-                },
+                channels,
                 experiment: one_of(&draw.experiments, rng),
                 simulator,
                 length: draw.length,
@@ -194,6 +188,17 @@ fn specs(draw: &Draw, arms: &[(Arm, Vec<Kind>)], rng: &mut ChaCha12Rng) -> Vec<G
             }
         })
         .collect()
+}
+
+/// Returns those of the plants on which all these effects make sense.
+fn taking(plants: &[PlantKind], kinds: &[Kind]) -> impl Iterator<Item = PlantKind> {
+    plants.iter().copied().filter(|plant| kinds.iter().all(|kind| plant.takes(kind.name)))
+}
+
+/// Returns these numbers of channels, or those of the plant where it has fewer.
+fn at_most(channels: Channels, plant: PlantKind) -> Channels {
+    let most = plant.channels();
+    Channels { inputs: channels.inputs.min(most.inputs), outputs: channels.outputs.min(most.outputs) }
 }
 
 /// Draws one of several values. No random number is used if there is no choice.

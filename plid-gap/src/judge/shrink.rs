@@ -114,14 +114,12 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let of = |plant: &Plant, actions: &[Action]| blocks(&opened, plant, actions);
     let given = of(ready.as_given(), &[]);
     // Without its law, a model that was identified with it says little. A refit of the best linear model is that model.
-    let refit = |plant: &dyn Fn() -> Plant| {
-        if ready.best_linear.is_some() { given.clone() } else { of(&plant(), &[]) }
-    };
-    let refit_blocks = refit(&|| refitted.plant.clone());
+    let linear = |refit: &dyn Fn() -> Blocks| if ready.best_linear.is_some() { given.clone() } else { refit() };
+    let refit_blocks = linear(&|| of(&refitted.plant, &[]));
     let with = of(plant, actions);
     let floor = floor(explained, &noise);
     let (as_given, bounded, with_effect) = (given.gap(), refit_blocks.gap(), with.gap());
-    let free_blocks = refit(&|| free_refit(quick, limits));
+    let free_blocks = linear(&|| of(&free_refit(quick, limits), &[]));
     let reference_blocks = reference_effect(quick, found).map(|(plant, actions)| of(&plant, &actions));
     let reference_gap = reference_blocks.as_ref().map_or(bounded, Blocks::gap);
     // A flexible model that is worse than the explanation is not an upper bound.
@@ -143,7 +141,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     Gap {
         as_given,
         refit: bounded,
-        within_limits: refit(&|| within.clone()).gap(),
+        within_limits: linear(&|| of(within, &[])).gap(),
         free_refit: free_blocks.gap(),
         with_effect,
         noise_floor: floor,
