@@ -71,6 +71,10 @@ impl Predictor {
         let malformed = |message: String| GapError::Malformed { file: path.into(), message };
         let model = Model::from_json(&written.linear, &path.display().to_string())?;
         let mut plant = Plant::with_settings(&model, &written.plant)?;
+        // The range states every port. What the refit has changed may show one more.
+        if written.fitted.as_ref().is_some_and(|fitted| fitted.displacement_peak.is_empty()) {
+            plant.ports.clear();
+        }
         if let Some(controller) = &written.controller {
             let place = format!("{}: controller", path.display());
             let controller = Controller::new(&model, Model::from_json(controller, &place)?)?;
@@ -373,6 +377,27 @@ mod tests {
         let other = Model { outputs: vec!["y2".into(), "y1".into()], ..given.clone() };
         let said = read(&other).map(|_| ()).unwrap_err().to_string();
         assert!(said.contains("as_given: its channels"), "{said}");
+    }
+
+    /// A simulation without a port may show one after its refit, by the slope of its response. The file says that there
+    /// was none.
+    #[test]
+    fn ports_are_not_inferred_again() {
+        use nalgebra::dmatrix;
+        let model = Model::new(100.0, dmatrix![0.9], dmatrix![1.0], dmatrix![0.1], dmatrix![0.0]).unwrap();
+        assert_eq!(Plant::new(&model).unwrap().ports.len(), 1);
+        let read = |peaks: &[f64]| {
+            let file = serde_json::json!({
+                "format": "simulation-with-effects", "linear": model.to_json(), "modes": 0, "refit": [], "t0": 1.0,
+                "noise_rms": [0.1], "effects": [],
+                "fitted": { "input_rms": [1.0], "displacement_peak": peaks, "output_peak": [1.0], "unexplained": 0.1 }
+            });
+            Predictor::new(serde_json::from_value(file).unwrap(), &Library::standard(), Path::new("sim.json"))
+        };
+        let predictor = read(&[]).unwrap();
+        assert!(predictor.plant.ports.is_empty());
+        assert_eq!(predictor.predict(&[vec![1.0; 50]], 0.0).unwrap().outputs, run(&model, &[vec![1.0; 50]]));
+        assert!(read(&[1.0]).is_ok() && read(&[1.0, 1.0]).is_err());
     }
 
     /// A file that was edited by hand gives an error with the key, and neither a panic nor an endless loop.

@@ -9,6 +9,7 @@ mod constant;
 mod controlled;
 mod finite;
 mod little;
+mod offsets;
 mod ports;
 mod responses;
 mod rewire;
@@ -28,6 +29,9 @@ use surrogate::Surrogate;
 
 pub use rewire::Mismatch;
 pub(crate) use stable::ON_THE_CIRCLE;
+
+/// The effect that a model of the records with offsets already contains.
+const OFFSET: &str = "sensor-offset";
 
 /// The result of an audit.
 #[derive(Debug, Clone)]
@@ -130,7 +134,9 @@ impl Audit {
     /// Returns the model that stands for a simulation that the case does not contain: the best linear one, even if the
     /// diagnosis uses one that was identified with a law.
     pub fn surrogate_model(&self) -> Option<&plid_model::Model> {
-        self.surrogate.as_ref().map(|surrogate| surrogate.best_linear.as_ref().unwrap_or(&surrogate.model))
+        self.surrogate
+            .as_ref()
+            .map(|surrogate| surrogate.best_linear.as_ref().map_or(&surrogate.model, |(model, _)| model))
     }
 
     /// Returns the mismatch that the audit corrected, if it explains the gap.
@@ -179,6 +185,8 @@ fn look(
     }
     case.config.exclude.extend(little.left_out);
     case.config.exclude.extend(absorbed(&case, library, from_records));
+    let offsets = surrogate.as_ref().map_or_else(Vec::new, |surrogate| surrogate.offsets.clone());
+    case.config.exclude.extend((!offsets.is_empty()).then(|| OFFSET.to_string()));
     found.extend(controlled::leave_out(&mut case, &model, library, without)?);
     let explained = mismatch.as_ref().filter(|mismatch| mismatch.explains);
     found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
@@ -201,6 +209,7 @@ fn look(
         controller: case.controller.clone(),
         limits: case.config.nuisance,
         prior_std,
+        offsets,
         best_linear,
         model_error,
         band_hz: case.config.band_hz,

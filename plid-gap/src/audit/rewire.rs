@@ -366,8 +366,9 @@ fn side(
     parts
 }
 
-fn short(x: f64) -> String {
-    if (1e-3..1e4).contains(&x) {
+/// Formats a number with four decimals, or as a power of ten if it is small or large.
+pub(super) fn short(x: f64) -> String {
+    if (1e-3..1e4).contains(&x.abs()) {
         format!("{:.4}", x).trim_end_matches('0').trim_end_matches('.').into()
     } else {
         format!("{x:.2e}")

@@ -12,6 +12,7 @@ use plid_model::Model;
 use plid_refine::{Options, RefineError, free_run_error};
 
 use crate::audit::Law;
+use crate::audit::offsets::{in_words, shift, with_offsets};
 use crate::case::record::{Channels, Excitation, Record};
 use crate::case::split::driven;
 use crate::case::{Case, Intersample, Limits};
@@ -42,8 +43,10 @@ pub struct Surrogate {
     pub words: String,
     /// Standard deviations of its parameters in the order of [`Nuisance`], by which its prior is widened.
     pub prior_std: Vec<f64>,
-    /// The best linear model of the records, if the model was identified with the forces of a law.
-    pub best_linear: Option<Model>,
+    /// The constant that each output has beside its response (p); empty if the records show none.
+    pub offsets: Vec<f64>,
+    /// The best linear model of the records with its offsets, if the model was identified with the forces of a law.
+    pub best_linear: Option<(Model, Vec<f64>)>,
     /// Its error on the records from which it was identified, if that is not noise.
     pub model_error: Option<ModelError>,
     /// The assumed course of the inputs between the samples.
@@ -77,8 +80,11 @@ pub fn identify_with(case: &Case, law: &Law) -> Result<Option<Surrogate>, GapErr
 
 /// Identifies a model of these records, whose inputs may include the forces of a `law` after those of the case.
 fn surrogate(case: &Case, fitted: Vec<Record>, of_simulator: bool, law: Option<&Law>) -> Result<Surrogate, GapError> {
-    let (Linear { mut model, std, validation_error }, error, mut fitted, intersample) =
-        either_hold(case, fitted, of_simulator)?;
+    let (linear, error, mut fitted, intersample) = either_hold(case, fitted, of_simulator)?;
+    let ((Linear { mut model, std, validation_error }, error), offsets) =
+        if of_simulator { ((linear, error), Vec::new()) } else { with_offsets(case, &fitted, (linear, error))? };
+    let measured = fitted.clone();
+    fitted.iter_mut().for_each(|record| shift(record, &offsets));
     let set_aside = !case.for_simulation.is_empty();
     let model_error =
         if of_simulator { None } else { model_error(&model, &fitted, set_aside, &case.config.settings.plant)? };
@@ -88,8 +94,8 @@ fn surrogate(case: &Case, fitted: Vec<Record>, of_simulator: bool, law: Option<&
     model.d = model.d.columns(0, m).into_owned();
     model.noise.actuator_std.iter_mut().for_each(|std| std.truncate(m));
     fitted.iter_mut().for_each(|record| record.u.truncate(m));
-    let mut best_linear = law.map(|_| linear(case, &fitted, false)).transpose()?.map(|(linear, _)| linear.model);
-    for model in best_linear.iter_mut().chain([&mut model]) {
+    let mut best_linear = law.map(|_| best_linear(case, measured)).transpose()?;
+    for model in best_linear.iter_mut().map(|(model, _)| model).chain([&mut model]) {
         model.inputs.clone_from(&case.config.inputs);
         model.outputs.clone_from(&case.config.outputs);
         model.initial_state = None;
@@ -103,9 +109,18 @@ fn surrogate(case: &Case, fitted: Vec<Record>, of_simulator: bool, law: Option<&
     if !intersample.is_zoh() {
         words += " The inputs are assumed to vary linearly between samples, which fits better than steps.";
     }
+    words += &in_words(&offsets, &case.config.outputs);
     let free = |plant: &Plant| !of_simulator && (!set_aside || plant.modes.is_empty());
     let prior_std = prior_std(&model, &fitted, &std, free, &case.config.settings)?;
-    Ok(Surrogate { model, words, prior_std, best_linear, model_error, intersample })
+    Ok(Surrogate { model, words, prior_std, offsets, best_linear, model_error, intersample })
+}
+
+/// Returns the best linear model of records that may have the forces of a law as further inputs, with its offsets.
+fn best_linear(case: &Case, mut records: Vec<Record>) -> Result<(Model, Vec<f64>), GapError> {
+    records.iter_mut().for_each(|record| record.u.truncate(case.config.inputs.len()));
+    let plain = linear(case, &records, false)?;
+    let ((linear, _), offsets) = with_offsets(case, &records, plain)?;
+    Ok((linear.model, offsets))
 }
 
 /// Identifies the model with both holds of the inputs, if it is one of the records, and returns the better one with its
@@ -132,7 +147,7 @@ fn either_hold(
 
 /// Identifies the best linear model of records, or of the simulator's outputs for them. Returns it with its relative
 /// free-run error on all of them.
-fn linear(case: &Case, fitted: &[Record], of_simulator: bool) -> Result<(Linear, f64), GapError> {
+pub(super) fn linear(case: &Case, fitted: &[Record], of_simulator: bool) -> Result<(Linear, f64), GapError> {
     let target = |record| simulated_or_measured(record, of_simulator);
     let arrays = Arrays::new(fitted.iter().collect(), target);
     let records = arrays.records();
@@ -172,12 +187,13 @@ fn fitted_records(case: &Case) -> Result<Vec<&Record>, GapError> {
 }
 
 /// A linear model of records.
-struct Linear {
-    model: Model,
+#[derive(Clone)]
+pub(super) struct Linear {
+    pub model: Model,
     /// Standard deviation of its free-run error on all records, of each output.
-    std: Vec<f64>,
+    pub std: Vec<f64>,
     /// Relative free-run error after the heads of the records.
-    validation_error: f64,
+    pub validation_error: f64,
 }
 
 /// Identifies the linear simulator exactly, with its own number of states. `None` if its outputs do not determine it,
@@ -306,7 +322,7 @@ fn words(model: &Model, chosen: &[Record], of_simulator: bool, errors: [f64; 2],
 }
 
 /// Returns the RMS of the free-run error, each output scaled to unit RMS.
-fn relative(std: &[f64], arrays: &Arrays) -> f64 {
+pub(super) fn relative(std: &[f64], arrays: &Arrays) -> f64 {
     let share = |o: usize| {
         let all = arrays.outputs().flat_map(|y| y.column(o).to_vec()).filter(|y| y.is_finite());
         let (sum, count) = all.fold((0.0, 0.0), |(s, n), y| (s + y * y, n + 1.0));
@@ -326,15 +342,7 @@ fn failed(error: RefineError) -> GapError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{case, random_input, run, truss};
-
-    /// Returns the relative difference of the free runs of two models for an input that neither was fitted to.
-    fn apart(a: &Model, b: &Model) -> f64 {
-        let u = random_input(99, 2048, a.m());
-        let (a, b) = (run(a, &u), run(b, &u));
-        let difference: Vec<f64> = a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| a - b).collect();
-        crate::case::record::rms(&difference) / crate::case::record::rms(b.iter().flatten())
-    }
+    use crate::testing::{apart, case, run, truss};
 
     #[test]
     fn the_best_linear_model_of_the_records_is_the_surrogate() {

@@ -167,6 +167,11 @@ impl Nuisance {
         if let Some(spectrum) = spectrum {
             self.by_rest(plant, spectrum, record, &mut found);
         }
+        for (o, (parameter, size)) in self.offsets().enumerate() {
+            let mut outputs = vec![vec![0.0; record.samples()]; self.p];
+            outputs[o].fill(size);
+            found.alone(parameter, outputs);
+        }
         self.add_start(plant, index, &mut found);
         found
     }

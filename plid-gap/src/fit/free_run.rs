@@ -12,6 +12,13 @@ use crate::simulate::{Fineness, State, simulate};
 /// run to have diverged. No physical effect reaches it.
 const OUT_OF_BOUNDS: f64 = 1e3;
 
+/// Most corrections of an initial state by the error of the run with effects. The derivatives are those of the linear
+/// response, so one correction leaves a transient where the effects are strong.
+const MOST_CORRECTIONS: usize = 6;
+
+/// Share of the squared error below which another correction is worth a run.
+const WORTH_ANOTHER: f64 = 0.98;
+
 /// Returns whether a value of an output belongs to a run that diverges. `peak` is the largest magnitude of this output
 /// in the linear simulation and in the records; a zero gives no bound.
 pub(crate) fn diverges(y: f64, peak: f64) -> bool {
@@ -66,12 +73,23 @@ fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
         eta
     };
     let rest = vec![0.0; nuisance.len()];
-    let linear = corrected(&rest, left(&rest, &[]));
+    let mut best = corrected(&rest, left(&rest, &[]));
     if actions.is_empty() {
-        return state(&linear);
+        return state(&best);
     }
-    let error = left(&linear, actions);
-    let before = sum_of_squares(&error);
-    let second = corrected(&linear, error);
-    if sum_of_squares(&left(&second, actions)) < before { state(&second) } else { state(&linear) }
+    let mut error = left(&best, actions);
+    for _ in 0..MOST_CORRECTIONS {
+        let before = sum_of_squares(&error);
+        let next = corrected(&best, error);
+        error = left(&next, actions);
+        let after = sum_of_squares(&error);
+        if after < before {
+            best = next;
+        }
+        // A run that diverges ends in NaN.
+        if after.is_nan() || after > WORTH_ANOTHER * before {
+            break;
+        }
+    }
+    state(&best)
 }

@@ -1,17 +1,17 @@
 //! The linear parameters with their Gaussian prior: frequency, damping ratio and shapes of every mode, or poles and
-//! gains if there are no modes; and the initial states of records that do not start from rest. Changes within the prior
-//! do not count as effects.
+//! gains if there are no modes; the offsets of outputs that have any; and the initial states of records that do not
+//! start from rest. Changes within the prior do not count as effects.
 
 use crate::case::Limits;
-use crate::case::record::Record;
+use crate::case::record::{Record, rms};
 use crate::fit::jacobian::Jacobian;
 use crate::plant::{Plant, RestNumber, Spectrum};
 use crate::simulate::State;
 use plid_fourier::C;
 
-/// Prior standard deviation of an initial state, relative to the state that the input excites: wide enough for the
-/// record alone to determine the state.
-const INITIAL_STATE_STD: f64 = 3.0;
+/// Prior standard deviation of an initial state, relative to the state that the input excites, and of an offset,
+/// relative to the output: wide enough for the records alone to determine them.
+const FREE_STD: f64 = 3.0;
 
 /// Median of the absolute value of a standard normal variable.
 const NORMAL_MEDIAN: f64 = 0.6745;
@@ -28,7 +28,7 @@ pub enum Part {
 }
 
 /// The linear parameters and their prior: frequency, damping, input shape (m) and output shape (p) of each mode,
-/// followed by poles and gains of a simulation without modes, and by the initial states.
+/// followed by poles and gains of a simulation without modes, by offsets of the outputs, and by the initial states.
 #[derive(Debug, Clone)]
 pub struct Nuisance {
     pub(super) m: usize,
@@ -39,6 +39,8 @@ pub struct Nuisance {
     pub(super) controller: usize,
     /// Poles and gains of a simulation without modes.
     spectrum: Option<Spectrum>,
+    /// RMS of each output, if the outputs have offsets.
+    offsets: Vec<f64>,
     /// The directions of each mode's shapes in the simulation as given.
     nominal: Vec<(C, C)>,
     /// Index of each record's initial state, if it is fitted.
@@ -69,19 +71,22 @@ impl Nuisance {
             RestNumber::Rate(_) | RestNumber::Damping(_) | RestNumber::Contribution => limits.damping / 2.0,
             RestNumber::Input(_) | RestNumber::Output(_) => limits.shape / 2.0,
         }));
+        let offsets: Vec<f64> =
+            (0..plant.offsets.len()).map(|o| rms(records.iter().flat_map(|record| &record.y[o]))).collect();
+        std.extend(offsets.iter().map(|_| FREE_STD));
         let starts = records
             .iter()
             .map(|record| {
                 (!record.from_rest).then(|| {
                     let at = std.len();
-                    std.extend(std::iter::repeat_n(INITIAL_STATE_STD, 2 * modes + rest + controller));
+                    std.extend(std::iter::repeat_n(FREE_STD, 2 * modes + rest + controller));
                     at
                 })
             })
             .collect();
         let sizes = state_sizes(plant, records);
         let nominal = plant.modes.iter().map(directions).collect();
-        Self { m, p, modes, rest, controller, spectrum, nominal, starts, sizes, std, ports_follow: false }
+        Self { m, p, modes, rest, controller, spectrum, offsets, nominal, starts, sizes, std, ports_follow: false }
     }
 
     /// Widens the prior for a simulation that was itself estimated, by the standard deviations of its parameters.
@@ -106,10 +111,10 @@ impl Nuisance {
         self.determined(jacobian, determined).map(cost).sum()
     }
 
-    /// Returns the modes' parameters that the records determine: their information, the prior included, exceeds that of
-    /// the prior by the factor `determined`.
+    /// Returns the parameters of modes, poles and gains that the records determine: their information, the prior
+    /// included, exceeds that of the prior by the factor `determined`.
     pub fn determined(&self, jacobian: &Jacobian, determined: f64) -> impl Iterator<Item = usize> {
-        (0..self.of_simulation()).filter(move |&k| jacobian.normal[(k, k)] * self.std[k].powi(2) > determined)
+        (0..self.first_offset()).filter(move |&k| jacobian.normal[(k, k)] * self.std[k].powi(2) > determined)
     }
 
     /// Adds initial states for records that are cut into windows, `windows[k]` of record k. The first window of a
@@ -121,7 +126,7 @@ impl Nuisance {
             starts.push(*first);
             for _ in 1..count {
                 starts.push(Some(self.std.len()));
-                self.std.extend(std::iter::repeat_n(INITIAL_STATE_STD, states));
+                self.std.extend(std::iter::repeat_n(FREE_STD, states));
             }
         }
         self.starts = starts;
@@ -140,7 +145,17 @@ impl Nuisance {
 
     /// Returns the number of entries that belong to the simulation; the initial states follow.
     pub fn of_simulation(&self) -> usize {
+        self.first_offset() + self.offsets.len()
+    }
+
+    /// Returns the entry of the first output's offset.
+    fn first_offset(&self) -> usize {
         self.of_modes() + self.numbers().len()
+    }
+
+    /// Returns the entry of each output's offset and the size of its unit, if the outputs have offsets.
+    pub(super) fn offsets(&self) -> impl Iterator<Item = (usize, f64)> {
+        self.offsets.iter().enumerate().map(|(o, size)| (self.first_offset() + o, *size))
     }
 
     /// Returns these parameters with the simulation as given: its own are zero, and the initial states stay.
@@ -194,7 +209,7 @@ impl Nuisance {
         (index < self.of_modes()).then(|| (index / self.each(), index % self.each()))
     }
 
-    /// Returns the quantity that an entry changes; `None` for initial states.
+    /// Returns the quantity that an entry changes; `None` for offsets and initial states.
     pub fn part(&self, index: usize) -> Option<Part> {
         if let Some((_, part)) = self.entry(index) {
             return Some(match part {
@@ -243,10 +258,13 @@ impl Nuisance {
             }
         }
         if let Some(spectrum) = &self.spectrum {
-            let at = &eta[self.of_modes()..self.of_simulation()];
+            let at = &eta[self.of_modes()..self.first_offset()];
             if at.iter().any(|x| *x != 0.0) {
                 spectrum.change(&mut changed, at);
             }
+        }
+        for (offset, (k, size)) in changed.offsets.iter_mut().zip(self.offsets()) {
+            *offset += size * eta[k];
         }
         changed
     }

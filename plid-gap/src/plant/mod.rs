@@ -157,6 +157,9 @@ pub struct Plant {
     /// The controller that closes a loop around the plant at the samples, if there is one. The inputs of a run are then
     /// added to its commands.
     pub controller: Option<Arc<Controller>>,
+    /// A constant that each output has beside its response (p), if the simulation is a model of the records; empty
+    /// otherwise.
+    pub offsets: Vec<f64>,
     /// The simulation's own basis, by which a changed plant is written back.
     basis: Basis,
     /// The thresholds by which it was decomposed.
@@ -244,6 +247,7 @@ impl Plant {
             chain,
             sensed: vec![Sensed::ASSUMED; p],
             controller: None,
+            offsets: Vec::new(),
             basis,
             settings: settings.clone(),
         };

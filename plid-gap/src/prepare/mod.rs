@@ -76,8 +76,11 @@ pub struct Known {
     pub prior_std: Vec<f64>,
     /// For a surrogate model, its error on the records that it was identified from.
     pub model_error: Option<ModelError>,
-    /// For a surrogate model that was identified with the forces of a law, the best linear model of the same records.
-    pub best_linear: Option<Model>,
+    /// For a surrogate model of the records, the constant that each output has beside its response (p); or empty.
+    pub offsets: Vec<f64>,
+    /// For a surrogate model that was identified with the forces of a law, the best linear model of the same records,
+    /// with its offsets.
+    pub best_linear: Option<(Model, Vec<f64>)>,
     /// The frequency band in Hz that counts; all frequencies if `None`.
     pub band_hz: Option<[f64; 2]>,
     /// Units of the channels.
@@ -162,11 +165,17 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
 /// Returns the plant with the ports and the controller of the case, and the best linear model of the records if the
 /// plant is another one.
 fn plants(model: &Model, known: &Known) -> Result<(Plant, Option<Plant>), GapError> {
-    let of = |model: &Model| Plant::with_settings(model, &known.settings.plant);
-    let mut plant = of(model)?;
+    let of = |model: &Model, offsets: &[f64]| {
+        let mut plant = Plant::with_settings(model, &known.settings.plant)?;
+        plant.offsets = offsets.to_vec();
+        Ok(plant)
+    };
+    let mut plant = of(model, &known.offsets)?;
     declare(&mut plant, &known.ports)?;
     known.controller.iter().cloned().for_each(|controller| plant.close(controller));
-    Ok((plant, known.best_linear.as_ref().map(of).transpose()?))
+    let best_linear: Option<Result<_, GapError>> =
+        known.best_linear.as_ref().map(|(model, offsets)| of(model, offsets));
+    Ok((plant, best_linear.transpose()?))
 }
 
 /// The noise level and its uncertainty.
@@ -519,7 +528,8 @@ fn rounded(
 }
 
 /// Returns the noise of records of which none shows the noise alone and for which none is declared: what their inputs
-/// do not explain, but no more than is assumed.
+/// do not explain, but no more than is assumed. Random forces on the modes may account for all of it in the fit; the
+/// white noise of a sensor is then still as strong as the weakest part of the spectrum.
 fn at_most(assumed: &NoiseModel, records: &[Record], errors: &[Channels]) -> NoiseModel {
     let driven = records.iter().zip(errors).filter(|(record, _)| record.is_driven());
     let stretches: Vec<Stretch> = driven.filter_map(|(record, error)| unexplained(record, error)).collect();
@@ -527,8 +537,26 @@ fn at_most(assumed: &NoiseModel, records: &[Record], errors: &[Channels]) -> Noi
         return assumed.clone();
     }
     let found = assumed.fit(&stretches).sensors();
-    let lower = found.into_iter().zip(assumed.sensors()).map(|(found, assumed)| found.min(assumed));
+    let lower = found.into_iter().zip(assumed.sensors()).enumerate();
+    let lower = lower.map(|(o, (found, assumed))| found.max(weakest(&stretches, o)).min(assumed));
     lower.enumerate().fold(assumed.clone(), |noise, (o, variance)| noise.with_sensor(o, variance))
+}
+
+/// Number of bands in which the power of an output is compared.
+const BANDS: usize = 16;
+
+/// Returns the power spectral density of an output in the band where it is lowest.
+fn weakest(stretches: &[Stretch], o: usize) -> f64 {
+    let mean = |band: usize| {
+        let of_band = |stretch: &Stretch| {
+            let bins = &stretch.bins[o];
+            let edge = |band: usize| 1 + band * (bins.len() - 1) / BANDS;
+            bins[edge(band)..edge(band + 1)].iter().map(|bin| bin.norm_sqr()).collect::<Vec<f64>>()
+        };
+        let all: Vec<f64> = stretches.iter().flat_map(of_band).collect();
+        if all.is_empty() { f64::INFINITY } else { all.iter().sum::<f64>() / all.len() as f64 }
+    };
+    (0..BANDS).map(mean).fold(f64::INFINITY, f64::min)
 }
 
 /// The description of a random force in a band.

@@ -55,6 +55,9 @@ fn stepped(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> (Vec<Channels
     let advanced: Vec<Vec<(Channels, usize)>> = groups.par_iter().map(advanced).collect();
     let (mut outputs, mut parts) = (vec![Vec::new(); runs.len()], vec![0; runs.len()]);
     order.into_iter().zip(advanced.into_iter().flatten()).for_each(|(k, (y, p))| (outputs[k], parts[k]) = (y, p));
+    for (y, offset) in outputs.iter_mut().flat_map(|outputs| outputs.iter_mut().zip(&plant.offsets)) {
+        y.iter_mut().for_each(|y| *y += offset);
+    }
     (outputs, parts)
 }
 

@@ -98,6 +98,14 @@ pub fn case(sim: &Model, real: &Model) -> Case {
     case
 }
 
+/// Returns the relative difference of the free runs of two models for an input that neither was fitted to.
+pub fn apart(a: &Model, b: &Model) -> f64 {
+    let u = random_input(99, 2048, a.m());
+    let (a, b) = (run(a, &u), run(b, &u));
+    let difference: Vec<f64> = a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| a - b).collect();
+    rms(&difference) / rms(b.iter().flatten())
+}
+
 /// Checks which effect is named first, and where. Returns it.
 pub fn first_is<'d>(found: &'d Diagnosis, effect: &str, location: &str) -> &'d NamedEffect {
     let first = &found.effects[0];

@@ -1,9 +1,12 @@
 //! Simulations that lack nothing, or only a state: their declared noise is wrong, or they were fitted to one part of
 //! the records and are tested on another.
 
+use std::path::Path;
+
 use nalgebra::{DMatrix, DVector, dmatrix};
 use plid_model::Model;
 
+use crate::answer::predict::Predictor;
 use crate::answer::schema::Diagnosis;
 use crate::case::Case;
 use crate::case::record::rms;
@@ -72,6 +75,30 @@ fn a_wrong_declared_noise_is_no_effect() {
             assert!(quiet && factor < 1.0 || found.verdict == Verdict::None, "{}", found.sentence);
         }
     }
+}
+
+/// A thermometer does not read zero where the oven rests. Without a simulation, this level is part of the linear model,
+/// and the prediction from rest begins there.
+#[test]
+fn a_level_is_part_of_the_model_of_the_records() {
+    let plant = oven(&[40.0, 12.0]);
+    let mut case = case(&plant);
+    let level = 20.0 * rms(&case.records[1].y[0]);
+    case.model = None;
+    case.config.states = Some(2);
+    case.records.remove(0);
+    for record in &mut case.records {
+        record.from_rest = false;
+        record.y[0].iter_mut().for_each(|y| *y += level);
+    }
+    let outcome = diagnose(&case, &Library::standard(), &mut |_| {}).unwrap();
+    let found = &outcome.diagnosis;
+    assert!(found.effects.is_empty() && found.verdict == Verdict::None, "{}", found.sentence);
+    let predictor = Predictor::new(outcome.simulation, &Library::standard(), Path::new("sim.json")).unwrap();
+    let u = vec![vec![1.0; 200]];
+    let predicted = predictor.predict(&u, 0.0).unwrap().outputs;
+    let off: Vec<f64> = run(&plant, &u)[0].iter().zip(&predicted[0]).map(|(y, p)| y + level - p).collect();
+    assert!(rms(&off) < 0.01 * rms(&run(&plant, &u)[0]), "{}", rms(&off));
 }
 
 /// A model with one state too few is identified from a record that is set aside. What it misses of the other records

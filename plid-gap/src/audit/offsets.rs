@@ -1,0 +1,132 @@
+//! The constants that the outputs have beside the response of the best linear model of the records.
+//!
+//! Records rarely have zero where the plant rests: a level is measured from the floor, and a diode or a square law adds
+//! a mean. Without an offset, a pole near one takes its place, and a run from rest begins too low.
+
+use plid_model::Model;
+use plid_model::signal::mean;
+
+use crate::audit::rewire::short;
+use crate::audit::surrogate::{Linear, linear, relative};
+use crate::case::Case;
+use crate::case::record::{Channels, Record};
+use crate::error::GapError;
+use crate::fit::free_run::run;
+use crate::fit::linear_model::Arrays;
+use crate::plant::Plant;
+use crate::settings::PlantSettings;
+
+/// Rounds in which the model and the offsets of its outputs are identified in turn.
+const OFFSET_ROUNDS: usize = 2;
+
+/// Rounds in which the mean error of a model is determined.
+const MEAN_ROUNDS: usize = 6;
+
+/// Identifies the model again beside a constant at each output, and returns it with its relative free-run error and
+/// these offsets. If the records show no offsets, the model is the one without them.
+pub(super) fn with_offsets(
+    case: &Case,
+    records: &[Record],
+    plain: (Linear, f64),
+) -> Result<((Linear, f64), Vec<f64>), GapError> {
+    // In the records beside those that are set aside, an offset is a cause.
+    if case.controller.is_some() || !case.for_simulation.is_empty() {
+        return Ok((plain, Vec::new()));
+    }
+    // About the means of each record, a constant can be told from slow poles from the start.
+    let mut centred = records.to_vec();
+    centred.iter_mut().for_each(centre);
+    let Ok((mut from, _)) = linear(case, &centred, false) else { return Ok((plain, Vec::new())) };
+    let all = Arrays::new(records.iter().collect(), |record| &record.y);
+    let values = records.iter().map(|record| (record.samples() * record.y.len()) as f64).sum::<f64>();
+    let clear = |error: f64| 2.0 * values * (plain.1 / error).ln() > case.config.settings.search.accept_gain;
+    let mut best = None;
+    for _ in 0..OFFSET_ROUNDS {
+        let offsets = mean_errors(&from.model, records, &case.config.settings.plant)?;
+        let mut shifted = records.to_vec();
+        shifted.iter_mut().for_each(|record| shift(record, &offsets));
+        let Ok((linear, of_shifted)) = linear(case, &shifted, false) else { break };
+        let error = relative(&linear.std, &all);
+        let validation_error = linear.validation_error * error / of_shifted;
+        from = Linear { validation_error, ..linear };
+        if best.as_ref().is_none_or(|((_, least), _)| error < *least) && clear(error) {
+            best = Some(((from.clone(), error), offsets));
+        }
+    }
+    Ok(best.unwrap_or((plain, Vec::new())))
+}
+
+/// Returns the mean error of the free runs of a model, for each output. The initial state of a run takes a part of a
+/// constant error for a transient, so what is left of it is determined again without the mean so far.
+fn mean_errors(model: &Model, records: &[Record], settings: &PlantSettings) -> Result<Vec<f64>, GapError> {
+    let plant = Plant::with_settings(model, settings)?;
+    let mut shifted = records.to_vec();
+    let mut means = vec![0.0; plant.p];
+    for _ in 0..MEAN_ROUNDS {
+        let errors: Vec<Channels> = shifted.iter().map(|record| record.error(&run(&plant, &[], record))).collect();
+        let left = (0..plant.p).map(|o| {
+            let known = records.iter().flat_map(|record| &record.y[o]).filter(|y| y.is_finite()).count();
+            errors.iter().flat_map(|error| &error[o]).sum::<f64>() / known.max(1) as f64
+        });
+        let left: Vec<f64> = left.collect();
+        shifted.iter_mut().for_each(|record| shift(record, &left));
+        means.iter_mut().zip(left).for_each(|(mean, left)| *mean += left);
+    }
+    Ok(means)
+}
+
+/// Subtracts the mean from each channel of a record, which then no longer begins at rest.
+fn centre(record: &mut Record) {
+    record.from_rest = false;
+    for x in record.u.iter_mut().chain(&mut record.y) {
+        let known: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
+        let mean = mean(&known);
+        x.iter_mut().for_each(|x| *x -= mean);
+    }
+}
+
+/// Subtracts the offsets from a record's outputs.
+pub(super) fn shift(record: &mut Record, offsets: &[f64]) {
+    for (y, offset) in record.y.iter_mut().zip(offsets) {
+        y.iter_mut().for_each(|y| *y -= offset);
+    }
+}
+
+/// Returns a sentence about the offsets, if there are any.
+pub(super) fn in_words(offsets: &[f64], outputs: &[String]) -> String {
+    let each: Vec<String> =
+        outputs.iter().zip(offsets).map(|(name, offset)| format!("{name} {}", short(*offset))).collect();
+    if each.is_empty() {
+        return String::new();
+    }
+    format!(" Beside the response, its outputs contain constants ({}), which are fitted with it.", each.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::audit::surrogate::{Surrogate, identify};
+    use crate::case::record::rms;
+    use crate::testing::{apart, case, truss};
+
+    /// A level above the floor is an offset of the sensor, and runs from rest begin there. Without such a level there
+    /// is no offset.
+    #[test]
+    fn a_constant_beside_the_response_is_an_offset() {
+        const LEVELS: [f64; 2] = [3.0, -0.5];
+        let mut case = case(&truss(3), &truss(3));
+        case.config.states = Some(truss(3).n());
+        assert!(identify(&case, &mut |_| {}).unwrap().offsets.is_empty());
+        let sizes: Vec<f64> = case.records[1].y.iter().map(rms).collect();
+        let levels: Vec<f64> = LEVELS.iter().zip(&sizes).map(|(level, size)| level * size).collect();
+        for record in &mut case.records {
+            record.y.iter_mut().zip(&levels).for_each(|(y, level)| y.iter_mut().for_each(|y| *y += level));
+        }
+        let Surrogate { model, words, offsets, .. } = identify(&case, &mut |_| {}).unwrap();
+        assert_eq!(offsets.len(), levels.len());
+        for ((found, level), size) in offsets.iter().zip(&levels).zip(&sizes) {
+            assert!((found - level).abs() < 0.005 * size, "{offsets:?} {levels:?}");
+        }
+        assert!(apart(&model, &truss(3)) < 0.002, "{}", apart(&model, &truss(3)));
+        assert!(words.ends_with("which are fitted with it."), "{words}");
+    }
+}
