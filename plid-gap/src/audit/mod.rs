@@ -20,7 +20,7 @@ mod wiring;
 
 use crate::case::record::{Channels, Record};
 use crate::case::{Case, Intersample};
-use crate::effects::{Library, Units};
+use crate::effects::{Effect, Library, Units};
 use crate::error::GapError;
 use crate::prepare::Known;
 use crate::settings::step::Step;
@@ -184,9 +184,8 @@ fn look(
         }
     }
     case.config.exclude.extend(little.left_out);
-    case.config.exclude.extend(absorbed(&case, library, from_records));
-    let offsets = surrogate.as_ref().map_or_else(Vec::new, |surrogate| surrogate.offsets.clone());
-    case.config.exclude.extend((!offsets.is_empty()).then(|| OFFSET.to_string()));
+    let has_offsets = surrogate.as_ref().is_some_and(|surrogate| !surrogate.offsets.is_empty());
+    case.config.exclude.extend(absorbed(&case, library, from_records, has_offsets));
     found.extend(controlled::leave_out(&mut case, &model, library, without)?);
     let explained = mismatch.as_ref().filter(|mismatch| mismatch.explains);
     found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
@@ -196,9 +195,8 @@ fn look(
     }
     case.model = Some(explained.map_or(model.clone(), |mismatch| mismatch.wiring.applied(&model)));
     case.warnings.extend(found);
-    let (prior_std, best_linear, model_error) = surrogate
-        .clone()
-        .map_or_else(Default::default, |surrogate| (surrogate.prior_std, surrogate.best_linear, surrogate.model_error));
+    let of_surrogate = surrogate.clone().map(|s| (s.prior_std, s.offsets, s.best_linear, s.model_error));
+    let (prior_std, offsets, best_linear, model_error) = of_surrogate.unwrap_or_default();
     let known = Known {
         units: Units {
             inputs: case.config.units_of(&case.config.inputs),
@@ -233,13 +231,14 @@ pub(crate) fn of_records(case: &Case, looks: bool) -> Result<Vec<String>, GapErr
     Ok(found)
 }
 
-/// Returns the names of the effects that the surrogate model already contains: all linear ones, if it was identified
-/// from the fitted records themselves.
-fn absorbed(case: &Case, library: &Library, of_records: bool) -> Vec<String> {
+/// Returns the names of the effects that the surrogate model already contains, if it was identified from the fitted
+/// records themselves: all linear ones, and the offsets that it has.
+fn absorbed(case: &Case, library: &Library, of_records: bool, has_offsets: bool) -> Vec<String> {
     if !of_records || !case.for_simulation.is_empty() {
         return Vec::new();
     }
-    library.effects().filter(|effect| effect.is_linear()).map(|effect| effect.name().to_string()).collect()
+    let is_absorbed = |effect: &&dyn Effect| effect.is_linear() || has_offsets && effect.name() == OFFSET;
+    library.effects().filter(is_absorbed).map(|effect| effect.name().to_string()).collect()
 }
 
 #[cfg(test)]
