@@ -7,9 +7,10 @@ use plid_model::Model;
 use crate::answer::range::{FittedRange, displacement_peaks};
 use crate::answer::schema::{Gap, SimulationWithEffects, Value, WrittenEffect};
 use crate::case::Intersample;
-use crate::effects::{Parameter, Place, SensorOffset, Setting};
+use crate::effects::{Parameter, Place, Setting};
 use crate::fit::problem::{Placed, Problem};
 use crate::judge::explained::Explained;
+use crate::judge::offsets;
 use crate::search::stochastic::{Stochastic, wanders};
 use crate::simulate::changed_plant;
 
@@ -49,12 +50,8 @@ pub(crate) fn written(
     let records = &ready.problem.records;
     let t0 =
         records.iter().chain(&ready.held_out).map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
-    let constant = |(o, &offset): (usize, &f64)| Placed {
-        effect: &SensorOffset,
-        place: Place::Output(o),
-        parameters: vec![offset],
-    };
-    let offsets: Vec<Placed> = plant.offsets.iter().enumerate().map(constant).collect();
+    let offsets: Vec<Placed> =
+        plant.offsets.iter().enumerate().map(|(o, &offset)| offsets::placed(o, offset)).collect();
     let effects = (offsets.iter())
         .chain(fitted)
         .chain(shown.iter().map(|stochastic| &stochastic.placed).filter(|placed| !wanders(placed)))

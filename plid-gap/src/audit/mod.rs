@@ -20,7 +20,7 @@ mod wiring;
 
 use crate::case::record::{Channels, Record};
 use crate::case::{Case, Intersample};
-use crate::effects::{Effect, Library, Units};
+use crate::effects::{Effect, Library, SensorOffset, Units};
 use crate::error::GapError;
 use crate::prepare::Known;
 use crate::settings::step::Step;
@@ -29,9 +29,6 @@ use surrogate::Surrogate;
 
 pub use rewire::Mismatch;
 pub(crate) use stable::ON_THE_CIRCLE;
-
-/// The effect that a model of the records with offsets already contains.
-const OFFSET: &str = "sensor-offset";
 
 /// The result of an audit.
 #[derive(Debug, Clone)]
@@ -237,7 +234,7 @@ fn absorbed(case: &Case, library: &Library, of_records: bool, has_offsets: bool)
     if !of_records || !case.for_simulation.is_empty() {
         return Vec::new();
     }
-    let is_absorbed = |effect: &&dyn Effect| effect.is_linear() || has_offsets && effect.name() == OFFSET;
+    let is_absorbed = |effect: &&dyn Effect| effect.is_linear() || has_offsets && effect.name() == SensorOffset.name();
     library.effects().filter(is_absorbed).map(|effect| effect.name().to_string()).collect()
 }
 

@@ -63,12 +63,9 @@ fn mean_errors(model: &Model, records: &[Record], settings: &PlantSettings) -> R
     let mut shifted = records.to_vec();
     let mut means = vec![0.0; plant.p];
     for _ in 0..MEAN_ROUNDS {
-        let errors: Vec<Channels> = shifted.iter().map(|record| record.error(&run(&plant, &[], record))).collect();
-        let left = (0..plant.p).map(|o| {
-            let known = records.iter().flat_map(|record| &record.y[o]).filter(|y| y.is_finite()).count();
-            errors.iter().flat_map(|error| &error[o]).sum::<f64>() / known.max(1) as f64
-        });
-        let left: Vec<f64> = left.collect();
+        let runs: Vec<Channels> = shifted.iter().map(|record| run(&plant, &[], record)).collect();
+        let error = |o: usize| shifted.iter().zip(&runs).flat_map(move |(record, y)| record.measured_error(o, &y[o]));
+        let left: Vec<f64> = (0..plant.p).map(|o| mean(error(o))).collect();
         shifted.iter_mut().for_each(|record| shift(record, &left));
         means.iter_mut().zip(left).for_each(|(mean, left)| *mean += left);
     }
@@ -79,8 +76,7 @@ fn mean_errors(model: &Model, records: &[Record], settings: &PlantSettings) -> R
 fn centre(record: &mut Record) {
     record.from_rest = false;
     for x in record.u.iter_mut().chain(&mut record.y) {
-        let known: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
-        let mean = mean(&known);
+        let mean = mean(x.iter());
         x.iter_mut().for_each(|x| *x -= mean);
     }
 }

@@ -83,7 +83,7 @@ fn surrogate(case: &Case, fitted: Vec<Record>, of_simulator: bool, law: Option<&
     let (linear, error, mut fitted, intersample) = either_hold(case, fitted, of_simulator)?;
     let ((Linear { mut model, std, validation_error }, error), offsets) =
         if of_simulator { ((linear, error), Vec::new()) } else { with_offsets(case, &fitted, (linear, error))? };
-    let measured = fitted.clone();
+    let mut best_linear = law.map(|_| best_linear(case, fitted.clone())).transpose()?;
     fitted.iter_mut().for_each(|record| shift(record, &offsets));
     let set_aside = !case.for_simulation.is_empty();
     let model_error =
@@ -94,7 +94,6 @@ fn surrogate(case: &Case, fitted: Vec<Record>, of_simulator: bool, law: Option<&
     model.d = model.d.columns(0, m).into_owned();
     model.noise.actuator_std.iter_mut().for_each(|std| std.truncate(m));
     fitted.iter_mut().for_each(|record| record.u.truncate(m));
-    let mut best_linear = law.map(|_| best_linear(case, measured)).transpose()?;
     for model in best_linear.iter_mut().map(|(model, _)| model).chain([&mut model]) {
         model.inputs.clone_from(&case.config.inputs);
         model.outputs.clone_from(&case.config.outputs);

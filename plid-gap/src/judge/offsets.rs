@@ -16,12 +16,11 @@ const BLOCKS: usize = 8;
 
 /// Returns the offset of each output that an explanation leaves in all driven records together, where it is certain.
 pub fn offsets<'a>(problem: &Problem, fit: &Fit) -> Vec<Placed<'a>> {
-    let effect: &dyn Effect = &SensorOffset;
     let simulated = outputs(problem, &fit.eta, &fit.effects);
     let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.is_driven());
     let offset = |o: usize| {
         let place = Place::Output(o);
-        let there = |placed: &Placed| placed.effect.name() == effect.name() && placed.place == place;
+        let there = |placed: &Placed| placed.effect.name() == SensorOffset.name() && placed.place == place;
         if fit.effects.iter().any(there) {
             return None;
         }
@@ -30,10 +29,15 @@ pub fn offsets<'a>(problem: &Problem, fit: &Fit) -> Vec<Placed<'a>> {
             error.chunks(error.len().div_ceil(BLOCKS).max(1)).map(mean).collect()
         };
         let certain = certain_mean(&driven().flat_map(blocks).collect::<Vec<f64>>());
-        let parameters = vec![certain.filter(|(_, t)| *t > problem.settings.judge.offset_deviations)?.0];
-        Some(Placed { effect, place, parameters })
+        let (offset, _) = certain.filter(|(_, t)| *t > problem.settings.judge.offset_deviations)?;
+        Some(placed(o, offset))
     };
     (0..problem.plant.p).filter_map(offset).collect()
+}
+
+/// Returns an offset at an output.
+pub(crate) fn placed<'a>(output: usize, offset: f64) -> Placed<'a> {
+    Placed { effect: &SensorOffset, place: Place::Output(output), parameters: vec![offset] }
 }
 
 /// Returns the mean of at least three values, and its size in standard deviations.
