@@ -7,8 +7,9 @@
 use std::convert::Infallible;
 
 use nalgebra::{DMatrix, DVector};
-use ndarray::ArrayView2;
+use ndarray::{ArrayView1, ArrayView2};
 use plid_lsq::{Damping, Normal, Problem, Stop, minimise};
+use rayon::prelude::*;
 
 use plid_model::{Model, NoiseCovariances, steady_state_gain};
 
@@ -32,29 +33,62 @@ const ENOUGH: usize = 30_000;
 /// Number of Gauss-Newton steps.
 const STEPS: usize = 12;
 
+/// A predictor at a sample.
+struct Course<'a> {
+    model: &'a Model,
+    gain: &'a DMatrix<f64>,
+    state: DVector<f64>,
+    next: DVector<f64>,
+    input: DVector<f64>,
+    innovation: DVector<f64>,
+}
+
+impl<'a> Course<'a> {
+    fn new(model: &'a Model, gain: &'a DMatrix<f64>, x0: &DVector<f64>) -> Self {
+        let (input, innovation) = (DVector::zeros(model.m()), DVector::zeros(model.p()));
+        Self { model, gain, state: x0.clone(), next: x0.clone(), input, innovation }
+    }
+
+    /// Takes the outputs `z` and inputs `u` of the sample. Returns e = z - C x - D u, zero where z is missing.
+    fn innovation(&mut self, z: ArrayView1<'_, f64>, u: ArrayView1<'_, f64>) -> &DVector<f64> {
+        self.input.iter_mut().zip(u).for_each(|(to, u)| *to = *u);
+        self.innovation.gemv(-1.0, &self.model.c, &self.state, 0.0);
+        self.innovation.gemv(-1.0, &self.model.d, &self.input, 1.0);
+        for (e, z) in self.innovation.iter_mut().zip(z) {
+            *e = if z.is_finite() { *e + z } else { 0.0 };
+        }
+        &self.innovation
+    }
+
+    /// Goes on to the next sample.
+    fn advance(&mut self) {
+        self.next.gemv(1.0, &self.model.a, &self.state, 0.0);
+        self.next.gemv(1.0, &self.model.b, &self.input, 1.0);
+        self.next.gemv(1.0, self.gain, &self.innovation, 1.0);
+        std::mem::swap(&mut self.state, &mut self.next);
+    }
+}
+
 /// Returns the mean square one-step error of each output from `x0` on, and the final state; infinite if the predictor
 /// diverges.
 fn one_step(model: &Model, gain: &DMatrix<f64>, record: Record<'_>, x0: &DVector<f64>) -> (Vec<f64>, DVector<f64>) {
     let p = model.p();
     let (mut sum, mut count) = (vec![0.0; p], vec![0usize; p]);
-    let mut x = x0.clone();
-    let mut e = DVector::zeros(p);
+    let mut course = Course::new(model, gain, x0);
     for (k, (z, u)) in record.outputs.rows().into_iter().zip(record.inputs.rows()).enumerate() {
-        let u = DVector::from_iterator(u.len(), u.iter().copied());
-        let y = &model.c * &x + &model.d * &u;
+        let e = course.innovation(z, u);
         for i in 0..p {
-            e[i] = if z[i].is_finite() { z[i] - y[i] } else { 0.0 };
             if z[i].is_finite() && k >= SETTLING.min(record.samples() / 4) {
                 sum[i] += e[i] * e[i];
                 count[i] += 1;
             }
         }
-        x = &model.a * x + &model.b * u + gain * &e;
-        if !x.iter().all(|x| x.abs() < 1e9) {
-            return (vec![f64::INFINITY; p], x);
+        course.advance();
+        if !course.state.iter().all(|x| x.abs() < 1e9) {
+            return (vec![f64::INFINITY; p], course.state);
         }
     }
-    (sum.iter().zip(&count).map(|(s, &c)| s / (c.max(1)) as f64).collect(), x)
+    (sum.iter().zip(&count).map(|(s, &c)| s / (c.max(1)) as f64).collect(), course.state)
 }
 
 /// Returns the logarithm of the mean square error over all outputs, which have equal scales; reports call it the
@@ -65,15 +99,21 @@ fn cost(variances: &[f64]) -> f64 {
 
 /// Descends over the logarithms of the ratio and of the `p` entries of R. Returns the best point and its score, which
 /// is infinite if no point has a bounded predictor.
-fn descend(p: usize, score: impl Fn(&[f64]) -> f64) -> (Vec<f64>, f64) {
+fn descend(p: usize, score: impl Fn(&[f64]) -> f64 + Sync) -> (Vec<f64>, f64) {
     let mut logs = vec![0.0; p + 1];
     let mut best = f64::INFINITY;
-    for ratio in -8..=4 {
-        let mut candidate = logs.clone();
-        candidate[0] = f64::from(ratio);
-        let found = score(&candidate);
+    let coarse: Vec<(f64, f64)> = (-8..=4)
+        .into_par_iter()
+        .map(f64::from)
+        .map(|ratio| {
+            let mut candidate = logs.clone();
+            candidate[0] = ratio;
+            (ratio, score(&candidate))
+        })
+        .collect();
+    for (ratio, found) in coarse {
         if found < best {
-            (logs, best) = (candidate, found);
+            (logs[0], best) = (ratio, found);
         }
     }
     if best.is_finite() {
@@ -186,43 +226,48 @@ impl Problem for GainFit<'_, '_> {
         Normal::without_memory(self.model.n() * self.model.p())
     }
 
-    /// The sensitivity of x to K_ij obeys xi_{k+1} = (A - K C) xi_k + e_i e_{k,j}; for fixed j these form an n x n
-    /// matrix Xi_j driven by the scalar e_j: Xi_j <- (A - K C) Xi_j + e_{k,j} I.
+    /// The sensitivities of x to K_1j ... K_nj are the columns of Xi_j <- (A - K C) Xi_j + e_{k,j} I, from zero. Xi_j is
+    /// a polynomial in A - K C and commutes with it, so C Xi_j <- C Xi_j (A - K C) + e_{k,j} C, which needs p rows for
+    /// each of the p columns of K in place of n.
     fn linearise(&mut self, at: &GainPoint, normal: &mut Normal) -> Result<(), Infallible> {
-        let Model { a, b, c, d, .. } = self.model;
+        let Model { a, c, .. } = self.model;
         let (n, p) = (self.model.n(), self.model.p());
-        let closed = a - &at.gain * c;
-        let mut sensitivities = vec![DMatrix::<f64>::zeros(n, n); p];
-        let mut x = self.rest.clone();
-        let mut e = DVector::zeros(p);
-        let mut rows = DMatrix::<f64>::zeros(p, n * p);
+        let closed = (a - &at.gain * c).transpose();
+        let measured = c.transpose();
+        // (C Xi_1)', (C Xi_2)', ... (n x p each).
+        let mut sensitivities = DMatrix::<f64>::zeros(n, p * p);
+        let mut next = sensitivities.clone();
         let mut block = DMatrix::<f64>::zeros(BLOCK * p, n * p);
         let mut targets = DVector::<f64>::zeros(BLOCK * p);
         let mut filled = 0;
+        let mut course = Course::new(self.model, &at.gain, self.rest);
         normal.clear();
         for (z, u) in self.learn.outputs.rows().into_iter().zip(self.learn.inputs.rows()) {
-            let u = DVector::from_iterator(u.len(), u.iter().copied());
-            let y = c * &x + d * &u;
-            for j in 0..p {
-                e[j] = if z[j].is_finite() { z[j] - y[j] } else { 0.0 };
-                rows.view_mut((0, j * n), (p, n)).copy_from(&(c * &sensitivities[j]));
-            }
+            let e = course.innovation(z, u);
             for i in 0..p {
                 let weight = if z[i].is_finite() { 1.0 } else { 0.0 };
-                block.row_mut(filled).copy_from(&(rows.row(i) * weight));
-                targets[filled] = e[i] * weight;
+                for j in 0..p {
+                    let of_output = sensitivities.column(j * p + i);
+                    let mut row = block.view_mut((filled, j * n), (1, n));
+                    row.iter_mut().zip(of_output.iter()).for_each(|(to, x)| *to = weight * x);
+                }
+                targets[filled] = e[i];
                 filled += 1;
             }
             if filled == BLOCK * p {
                 normal.add(block.as_view(), targets.as_view());
                 filled = 0;
             }
-            for (j, xi) in sensitivities.iter_mut().enumerate() {
-                *xi = &closed * &*xi;
-                (0..n).for_each(|i| xi[(i, i)] += e[j]);
+            next.gemm(1.0, &closed, &sensitivities, 0.0);
+            for j in 0..p {
+                for i in 0..p {
+                    next.column_mut(j * p + i).axpy(e[j], &measured.column(i), 1.0);
+                }
             }
-            x = a * x + b * u + &at.gain * &e;
+            std::mem::swap(&mut sensitivities, &mut next);
+            course.advance();
         }
+        normal.add(block.rows(0, filled), targets.rows(0, filled));
         Ok(())
     }
 
@@ -278,6 +323,47 @@ mod tests {
         for i in 0..3 {
             assert!((found.gain[(i, 0)] - truth[(i, 0)]).abs() < 0.15, "{}", found.gain);
             assert!((found.gain[(i, 1)] - truth[(i, 1)]).abs() < 0.05, "{}", found.gain);
+        }
+    }
+
+    /// The gradient of the squared one-step errors, which [`GainFit`] has in half, is that of finite differences, the
+    /// last samples included, which do not fill a block.
+    #[test]
+    fn the_gradient_agrees_with_finite_differences() {
+        let model = Model::new(
+            1.0,
+            DMatrix::from_row_slice(3, 3, &[0.0, -0.7, 0.1, 1.0, 1.2, 0.0, 0.0, 0.2, 0.5]),
+            DMatrix::from_column_slice(3, 1, &[1.0, 0.5, -1.0]),
+            DMatrix::from_row_slice(2, 3, &[0.3, 1.0, 0.0, 0.0, -0.2, 1.0]),
+            DMatrix::from_column_slice(2, 1, &[0.0, 0.4]),
+        )
+        .unwrap();
+        let gain = DMatrix::from_row_slice(3, 2, &[-0.2, 0.1, 0.4, 0.0, 0.1, 0.3]);
+        let samples = BLOCK + 37;
+        let inputs = Array2::from_shape_fn((samples, 1), |(k, _)| (0.7 * k as f64).sin());
+        let outputs = Array2::from_shape_fn((samples, 2), |(k, i)| (0.3 * (k * (i + 1)) as f64).cos());
+        let record = Record { inputs: inputs.view(), outputs: outputs.view(), start: Start::Rest };
+        let squares = |gain: &DMatrix<f64>| {
+            let mut course = Course::new(&model, gain, &model.rest());
+            let rows = outputs.rows().into_iter().zip(inputs.rows());
+            let square = |(z, u)| {
+                let square = course.innovation(z, u).norm_squared();
+                course.advance();
+                square
+            };
+            rows.map(square).sum::<f64>()
+        };
+        let mut fit = GainFit { model: &model, learn: record, rest: &model.rest() };
+        let mut normal = fit.equations();
+        fit.linearise(&fit.at(gain.clone()), &mut normal).unwrap();
+        for (entry, found) in normal.right.iter().enumerate() {
+            let moved = |by: f64| {
+                let mut gain = gain.clone();
+                gain[entry] += by;
+                squares(&gain)
+            };
+            let expected = -0.5 * (moved(1e-5) - moved(-1e-5)) / 2e-5;
+            assert!((found - expected).abs() < 1e-6 * expected.abs().max(1.0), "{entry}: {found} for {expected}");
         }
     }
 
