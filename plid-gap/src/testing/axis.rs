@@ -203,7 +203,10 @@ fn two_parts_of_a_strong_spring_are_found_behind_what_imitates_them() {
     fn stiff(d: f64, v: f64) -> f64 {
         -2e5 * d.powi(3) - 4e3 * d.powi(2) - 0.01 * (40.0 * v).sin()
     }
-    let found = Axis { mass: 1.0, c: 0.6, k: 400.0, force: stiff, position: true }.diagnosed();
+    let mut case = Axis { mass: 1.0, c: 0.6, k: 400.0, force: stiff, position: true }.case();
+    let springs = ["cubic-stiffness", "quadratic-stiffness", "one-sided-stop", "end-stop", "clearance"];
+    only(&mut case, &[&springs[..], &["added-stiffness", "coulomb-friction", "joint-hysteresis"]].concat());
+    let found = diagnosed(&case);
     assert!(found.gap.as_given > 0.4, "{}", found.sentence);
     assert_eq!(found.effects[0].effect, "cubic-stiffness", "{}", found.sentence);
     assert!(found.gap.with_effect < 0.1 * found.gap.as_given, "{}", found.sentence);

@@ -8,7 +8,7 @@ use crate::answer::schema::Diagnosis;
 use crate::case::Case;
 use crate::case::record::{Channels, rms};
 use crate::effects::Library;
-use crate::testing::{add_noise, first_is, four_records, held, random_input};
+use crate::testing::{add_noise, first_is, four_records, held, only, random_input};
 
 const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
@@ -72,7 +72,10 @@ fn case() -> Case {
 /// The joint is named with its stiffness, its yield displacement and the share that the simulation contains.
 #[test]
 fn a_joint_that_the_simulation_takes_for_stuck_is_named_on_an_axis() {
-    let found: Diagnosis = crate::diagnose(&case(), &Library::standard(), &mut |_| {}).unwrap().diagnosis;
+    let mut case = case();
+    let rivals = ["iwan-joint", "clearance", "cubic-stiffness", "coulomb-friction", "stick-friction", "backlash"];
+    only(&mut case, &[&["joint-hysteresis", "added-stiffness", "added-damping"], &rivals[..]].concat());
+    let found: Diagnosis = crate::diagnose(&case, &Library::standard(), &mut |_| {}).unwrap().diagnosis;
     let first = first_is(&found, "joint-hysteresis", "input:u1");
     let near = |name: &str, truth: f64| (first.parameters[name].value / truth - 1.0).abs() < 0.05;
     assert!(near("k", JOINT) && near("dy", YIELD) && near("s", 1.0), "{}", found.text());
