@@ -36,6 +36,8 @@ const STEPS: usize = 12;
 /// A predictor at a sample.
 struct Course<'a> {
     model: &'a Model,
+    /// The entries of A that are not zero, with their rows and columns. Canonical and block-diagonal forms have few.
+    entries: Vec<(usize, usize, f64)>,
     gain: &'a DMatrix<f64>,
     state: DVector<f64>,
     next: DVector<f64>,
@@ -46,7 +48,9 @@ struct Course<'a> {
 impl<'a> Course<'a> {
     fn new(model: &'a Model, gain: &'a DMatrix<f64>, x0: &DVector<f64>) -> Self {
         let (input, innovation) = (DVector::zeros(model.m()), DVector::zeros(model.p()));
-        Self { model, gain, state: x0.clone(), next: x0.clone(), input, innovation }
+        let entries = (0..model.n()).flat_map(|j| (0..model.n()).map(move |i| (i, j)));
+        let entries = entries.map(|(i, j)| (i, j, model.a[(i, j)])).filter(|entry| entry.2 != 0.0).collect();
+        Self { model, entries, gain, state: x0.clone(), next: x0.clone(), input, innovation }
     }
 
     /// Takes the outputs `z` and inputs `u` of the sample. Returns e = z - C x - D u, zero where z is missing.
@@ -62,8 +66,8 @@ impl<'a> Course<'a> {
 
     /// Goes on to the next sample.
     fn advance(&mut self) {
-        self.next.gemv(1.0, &self.model.a, &self.state, 0.0);
-        self.next.gemv(1.0, &self.model.b, &self.input, 1.0);
+        self.next.gemv(1.0, &self.model.b, &self.input, 0.0);
+        self.entries.iter().for_each(|&(i, j, entry)| self.next[i] += entry * self.state[j]);
         self.next.gemv(1.0, self.gain, &self.innovation, 1.0);
         std::mem::swap(&mut self.state, &mut self.next);
     }
