@@ -119,8 +119,11 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let with = of(plant, actions);
     let floor = floor(explained, &noise);
     let (as_given, bounded, with_effect) = (given.gap(), refit_blocks.gap(), with.gap());
-    let free_blocks = linear(&|| of(&free_refit(quick, limits), &[]));
+    // In closed loop, a refit without bounds may be unstable. It is then no better than the one with bounds.
+    let free = || Some(of(&free_refit(quick, limits), &[])).filter(bounded_run).unwrap_or_else(|| refit_blocks.clone());
+    let free_blocks = linear(&free);
     let reference_blocks = reference_effect(quick, found).map(|(plant, actions)| of(&plant, &actions));
+    let reference_blocks = reference_blocks.filter(bounded_run);
     let reference_gap = reference_blocks.as_ref().map_or(bounded, Blocks::gap);
     // A flexible model that is worse than the explanation is not an upper bound.
     let ceiling_blocks = ceiling(quick, found)
@@ -157,6 +160,11 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
         predicted_ci80: expected.ci80,
         measured_on: opened.iter().map(|r| r.name.clone()).collect(),
     }
+}
+
+/// Whether the free runs that these gaps are of did not diverge.
+fn bounded_run(blocks: &Blocks) -> bool {
+    blocks.gap().is_finite()
 }
 
 /// Returns the gap that the effects close over the gap that a flexible model closes, from the gaps as given, with the

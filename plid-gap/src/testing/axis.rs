@@ -319,6 +319,31 @@ fn a_weak_actuator_is_no_mass() {
     assert_eq!(found.effects.len(), 1, "{}", found.sentence);
 }
 
+/// A reference effect may run away on held-out records, as a wrong spring on a slider that is free to move does. It is
+/// then left out, because a file holds numbers only. Behind a smaller dead zone, it does not run away.
+#[test]
+fn a_reference_effect_that_runs_away_is_left_out() {
+    let slider = Axis { mass: 1.0, c: 4.0, k: 0.0, force: none, position: true };
+    for (width, compared) in [(0.2, 3), (0.4, 2)] {
+        let run = |u: &Channels| {
+            let sent = u[0].iter().map(|u: &f64| u - u.clamp(-width, width)).collect();
+            integrate(&slider.truth(), &[sent], None).0
+        };
+        let input = |k: usize| drawn(k + 10);
+        let std = [0.005 * rms(&run(&input(0))[0])];
+        let mut case = four_records(&slider.simulation(), &std, [1.0, 0.5, 1.0], input, |k, u| {
+            let mut y = run(u);
+            add_noise(&mut y, k as u64 + 50, &std);
+            y
+        });
+        only(&mut case, &["actuator-dead-zone", "quadratic-stiffness", "cubic-stiffness"]);
+        let found = diagnosed(&case);
+        first_is(&found, "actuator-dead-zone", "input:u1");
+        assert_eq!(found.gap.shrink_over.len(), compared, "{width}: {:?}", found.gap.shrink_over);
+        assert!(found.gap.shrink_over.iter().all(|over| over.gap.is_finite()) && found.gap.placebo_shrink.is_finite());
+    }
+}
+
 /// A port that the case declares is the place of a spring on a lightly damped axis, whose strut would else be inferred.
 #[test]
 fn a_declared_port_has_a_payload() {
