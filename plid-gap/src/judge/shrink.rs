@@ -81,7 +81,15 @@ pub struct Gap {
     pub measured_on: Vec<String>,
 }
 
+/// The other model of [`Gap::reference`].
+const REFERENCE: &str = "reference effect";
+
 impl Gap {
+    /// Returns the comparison with the reference effect, if there is one whose free runs stay bounded.
+    pub fn reference(&self) -> Option<&ShrinkOver> {
+        self.shrink_over.iter().find(|over| over.than == REFERENCE)
+    }
+
     /// Returns the part of a gap that noise does not explain, in amplitude.
     pub fn beyond_noise(&self, gap: f64) -> f64 {
         (gap * gap - self.noise_floor * self.noise_floor).max(0.0).sqrt()
@@ -137,7 +145,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
         ci95: gap::drawn([before, &with], |[before, with]| gap::shrink(before, with, floor)),
     };
     let mut shrink_over = vec![over("bounded refit", &refit_blocks), over("free linear refit", &free_blocks)];
-    shrink_over.extend(reference_blocks.as_ref().map(|blocks| over("reference effect", blocks)));
+    shrink_over.extend(reference_blocks.as_ref().map(|blocks| over(REFERENCE, blocks)));
     let share = |gaps: [f64; 3]| share_of_ceiling(gaps, floor);
     let shown = are_long(&ready.held_out, loudest);
     let expected = if shown { crossed.in_view_of(&ready.held_out, with_effect, loudest.level()) } else { stated };

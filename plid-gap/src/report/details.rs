@@ -211,9 +211,9 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         ("gap of noise alone", gap.noise_floor),
         ("predicted gap (before the held-out record was used)", gap.crossed_gap),
         ("gap to expect on a further record", gap.predicted_held_out_gap),
-        ("shrink by a reference effect, minus that of the bounded refit", gap.placebo_shrink),
     ];
-    for (name, value) in rows {
+    let of_reference = ("shrink by a reference effect, minus that of the bounded refit", gap.placebo_shrink);
+    for (name, value) in rows.into_iter().chain(gap.reference().map(|_| of_reference)) {
         table = table.row([name.into(), figure(value)]);
     }
     let mut shrink = Table::new(

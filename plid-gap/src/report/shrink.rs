@@ -5,7 +5,6 @@ use plid_report::{Bar, Bars, Report, bars};
 use super::traces::{self, Traces};
 use super::words::{held_out, kind, percent, with, worst};
 use crate::diagnose::Outcome;
-use crate::judge::gap::shrink;
 use crate::judge::verdict::Verdict;
 
 /// States below the verdict how far the gap shrinks, and which gap was predicted.
@@ -55,8 +54,8 @@ fn gap_bars(outcome: &Outcome) -> Bars {
     let mut rows =
         vec![bar("as given", gap.as_given), bar("bounded refit", gap.refit), bar("free linear refit", gap.free_refit)];
     if outcome.diagnosis.verdict != Verdict::None {
-        let refit = shrink(gap.as_given, gap.refit, gap.noise_floor);
-        rows.push(bar("reference effect with the bounded refit", of(gap.placebo_shrink + refit)));
+        let reference = gap.reference();
+        rows.extend(reference.map(|reference| bar("reference effect with the bounded refit", reference.gap)));
         let [low, high] = gap.shrink_ci95;
         let interval = Some((100.0 * of(high), 100.0 * of(low)));
         rows.push(Bar { interval, strong: true, ..bar(with(outcome), gap.with_effect) });
@@ -75,21 +74,22 @@ fn gap_bars(outcome: &Outcome) -> Bars {
 pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
     let gap = &outcome.diagnosis.gap;
     let worst = worst(outcome);
-    let reference = if outcome.diagnosis.verdict == Verdict::None {
-        String::new()
-    } else {
-        format!(
-            " The reference effect is a wrong effect with as many parameters. The ceiling model has up to three more \
-            effects; the answer closes {} of the gap that the ceiling model closes. The whisker is the 95 % interval \
-            of the shrink.",
+    let mut words = String::new();
+    if outcome.diagnosis.verdict != Verdict::None {
+        if gap.reference().is_some() {
+            words += " The reference effect is a wrong effect with as many parameters.";
+        }
+        words += &format!(
+            " The ceiling model has up to three more effects; the answer closes {} of the gap that the ceiling model \
+            closes. The whisker is the 95 % interval of the shrink.",
             percent(gap.share_of_ceiling)
-        )
-    };
+        );
+    }
     let report = report
         .heading("1. The gap before and after")
         .figure(
             bars(&gap_bars(outcome)),
-            format!("Free-run gap on {}, every output scaled to unit RMS.{reference}", gap.measured_on.join(", ")),
+            format!("Free-run gap on {}, every output scaled to unit RMS.{words}", gap.measured_on.join(", ")),
         )
         .figure(
             traces::window(&Traces::of(outcome), worst),

@@ -342,6 +342,19 @@ fn a_linear_refit_that_hides_the_gap_is_shown_as_such() {
 }
 
 #[test]
+fn a_reference_effect_is_shown_if_there_is_one() {
+    let case = case();
+    let mut outcome = outcome(&case);
+    let text = |outcome: &Outcome| page(outcome, &case).to_html();
+    assert!(!text(&outcome).contains("eference effect"));
+    let reference = ShrinkOver { than: "reference effect".into(), ..outcome.diagnosis.gap.shrink_over[0].clone() };
+    outcome.diagnosis.gap.shrink_over.push(reference);
+    let html = text(&outcome);
+    assert!(html.contains("reference effect with the bounded refit") && html.contains("is a wrong effect"));
+    assert!(html.contains("shrink by a reference effect"));
+}
+
+#[test]
 fn nothing_and_what_is_not_a_number_make_a_page_too() {
     let case = case();
     let mut outcome = outcome(&case);
