@@ -230,9 +230,9 @@ impl Problem for GainFit<'_, '_> {
         Normal::without_memory(self.model.n() * self.model.p())
     }
 
-    /// The sensitivities of x to K_1j ... K_nj are the columns of Xi_j <- (A - K C) Xi_j + e_{k,j} I, from zero. Xi_j is
-    /// a polynomial in A - K C and commutes with it, so C Xi_j <- C Xi_j (A - K C) + e_{k,j} C, which needs p rows for
-    /// each of the p columns of K in place of n.
+    /// The sensitivities of x to K_1j ... K_nj are the columns of Xi_j <- (A - K C) Xi_j + e_{k,j} I, from zero.
+    /// Xi_j is a polynomial in A - K C and commutes with it, so C Xi_j <- C Xi_j (A - K C) + e_{k,j} C, which
+    /// needs p rows for each of the p columns of K in place of n.
     fn linearise(&mut self, at: &GainPoint, normal: &mut Normal) -> Result<(), Infallible> {
         let Model { a, c, .. } = self.model;
         let (n, p) = (self.model.n(), self.model.p());
