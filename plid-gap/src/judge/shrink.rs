@@ -127,11 +127,11 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let with = of(plant, actions);
     let floor = floor(explained, &noise);
     let (as_given, bounded, with_effect) = (given.gap(), refit_blocks.gap(), with.gap());
-    // In closed loop, a refit without bounds may be unstable. It is then no better than the one with bounds.
-    let free = || Some(of(&free_refit(quick, limits), &[])).filter(bounded_run).unwrap_or_else(|| refit_blocks.clone());
+    // Without bounds, a refit may be unstable. It is then no better than the one with bounds.
+    let free = || unless_diverged(of(&free_refit(quick, limits), &[])).unwrap_or_else(|| refit_blocks.clone());
     let free_blocks = linear(&free);
-    let reference_blocks = reference_effect(quick, found).map(|(plant, actions)| of(&plant, &actions));
-    let reference_blocks = reference_blocks.filter(bounded_run);
+    let reference_blocks =
+        reference_effect(quick, found).and_then(|(plant, actions)| unless_diverged(of(&plant, &actions)));
     let reference_gap = reference_blocks.as_ref().map_or(bounded, Blocks::gap);
     // A flexible model that is worse than the explanation is not an upper bound.
     let ceiling_blocks = ceiling(quick, found)
@@ -170,9 +170,9 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     }
 }
 
-/// Whether the free runs that these gaps are of did not diverge.
-fn bounded_run(blocks: &Blocks) -> bool {
-    blocks.gap().is_finite()
+/// Returns the gaps of free runs, unless a run diverged.
+fn unless_diverged(blocks: Blocks) -> Option<Blocks> {
+    blocks.gap().is_finite().then_some(blocks)
 }
 
 /// Returns the gap that the effects close over the gap that a flexible model closes, from the gaps as given, with the

@@ -6,12 +6,12 @@ use nalgebra::dmatrix;
 use plid_model::{Continuous, Model, Port};
 
 use crate::answer::schema::Diagnosis;
-use crate::case::record::{Channels, rms};
+use crate::case::record::Channels;
 use crate::case::{Case, PortConfig};
 use crate::effects::Library;
 use crate::judge::verdict::Verdict;
 use crate::testing::blind::integrate;
-use crate::testing::{add_noise, first_is, four_records, held, only, random_input};
+use crate::testing::{add_noise, case_of_axis, diagnosed, first_is, held, only, random_input};
 
 pub(super) const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
@@ -76,15 +76,10 @@ impl Axis {
             y.iter_mut().for_each(sensor);
             y
         };
-        let std = [0.005 * rms(&run(&input(0))[0])];
-        let measure = |k: usize, u: &Channels| {
-            let mut y = run(u);
-            add_noise(&mut y, k as u64 + 50, &std);
-            y
-        };
-        let mut case = four_records(&self.simulation(), &std, [1.0, 0.5, 1.0], input, measure);
-        let output = if self.position { "m" } else { "m/s" };
-        case.config.units = [("u1", "N"), ("y1", output)].map(|(name, unit)| (name.into(), unit.into())).into();
+        let mut case = case_of_axis(&self.simulation(), input, run);
+        if !self.position {
+            case.config.units.insert("y1".into(), "m/s".into());
+        }
         case
     }
 
@@ -105,10 +100,6 @@ impl Axis {
 fn drawn(record: usize) -> Channels {
     let drawn = &random_input(record as u64 + 1, SAMPLES, 1)[0];
     vec![(0..SAMPLES).map(|n| drawn[n / HOLD]).collect()]
-}
-
-fn diagnosed(case: &Case) -> Diagnosis {
-    crate::diagnose(case, &Library::standard(), &mut |_| {}).unwrap().diagnosis
 }
 
 fn friction(_d: f64, v: f64) -> f64 {
@@ -329,13 +320,7 @@ fn a_reference_effect_that_runs_away_is_left_out() {
             let sent = u[0].iter().map(|u: &f64| u - u.clamp(-width, width)).collect();
             integrate(&slider.truth(), &[sent], None).0
         };
-        let input = |k: usize| drawn(k + 10);
-        let std = [0.005 * rms(&run(&input(0))[0])];
-        let mut case = four_records(&slider.simulation(), &std, [1.0, 0.5, 1.0], input, |k, u| {
-            let mut y = run(u);
-            add_noise(&mut y, k as u64 + 50, &std);
-            y
-        });
+        let mut case = case_of_axis(&slider.simulation(), |k| drawn(k + 10), run);
         only(&mut case, &["actuator-dead-zone", "quadratic-stiffness", "cubic-stiffness"]);
         let found = diagnosed(&case);
         first_is(&found, "actuator-dead-zone", "input:u1");

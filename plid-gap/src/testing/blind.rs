@@ -10,9 +10,8 @@ use rand_distr::StandardNormal;
 use crate::answer::schema::Diagnosis;
 use crate::case::Case;
 use crate::case::record::{Channels, rms};
-use crate::effects::Library;
 use crate::judge::verdict::Verdict;
-use crate::testing;
+use crate::testing::{self, diagnosed};
 
 /// Number of Runge-Kutta steps in a sample.
 const STEPS: usize = 24;
@@ -81,10 +80,6 @@ fn case(seed: u64, noise: f64, truth: &Truth) -> Case {
         y
     };
     testing::four_records(&model, &vec![noise; model.p()], [1.0, 0.4, 1.0], input, measure)
-}
-
-fn diagnosed(case: &Case) -> Diagnosis {
-    crate::diagnose(case, &Library::standard(), &mut |_| {}).unwrap().diagnosis
 }
 
 /// Returns noise of about one per cent of the outputs.

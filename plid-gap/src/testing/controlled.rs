@@ -16,7 +16,7 @@ use crate::judge::verdict::Verdict;
 use crate::plant::Plant;
 use crate::simulate::{Fineness, simulate};
 use crate::testing::axis::{Axis, RATE};
-use crate::testing::{first_is, only, random_input};
+use crate::testing::{diagnosed, first_is, only, random_input};
 
 const SAMPLES: usize = 2500;
 
@@ -150,12 +150,8 @@ fn read(folder: &Path) -> Result<Case, GapError> {
     Case::read(&folder.join("case.toml"))
 }
 
-fn diagnosed(folder: &TempDir) -> Diagnosis {
-    diagnosed_case(&read(folder.path()).unwrap())
-}
-
-fn diagnosed_case(case: &Case) -> Diagnosis {
-    crate::diagnose(case, &Library::standard(), &mut |_| {}).unwrap().diagnosis
+fn diagnosed_in(folder: &TempDir) -> Diagnosis {
+    diagnosed(&read(folder.path()).unwrap())
 }
 
 /// Returns the simulation in closed loop.
@@ -200,7 +196,7 @@ fn forces_within_a_loop_agree_with_small_steps() {
     }
 }
 
-/// Friction that sticks, what resembles it, and one effect of each other kind.
+/// Friction that sticks, other forces at its place, and effects of the actuator.
 const RIVALS: [&str; 8] = [
     "stick-friction",
     "coulomb-friction",
@@ -220,7 +216,7 @@ fn friction_that_sticks_is_named_on_a_slider_under_control() {
             // The whole vocabulary has been searched for the references.
             only(&mut case, &RIVALS);
         }
-        let found = diagnosed_case(&case);
+        let found = diagnosed(&case);
         assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
         let first = first_is(&found, "stick-friction", "input:u1");
         for (name, size) in [("Fc", 0.2), ("Fs", 0.3)] {
@@ -237,7 +233,7 @@ fn friction_that_sticks_is_named_on_a_slider_under_control() {
 fn a_cubic_spring_is_named_on_an_unstable_pendulum() {
     let cube = smooth(PENDULUM, |d, _| -3e4 * d.powi(3));
     for given in [Given::References, Given::Commands] {
-        let found = diagnosed(&written(&PENDULUM.simulation(), FIRM, &cube, 5e-5, given));
+        let found = diagnosed_in(&written(&PENDULUM.simulation(), FIRM, &cube, 5e-5, given));
         assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
         let first = first_is(&found, "cubic-stiffness", "input:u1");
         let value = first.parameters["k"].value;
@@ -251,7 +247,7 @@ fn a_cubic_spring_is_named_on_an_unstable_pendulum() {
 fn nothing_is_missing_from_an_exact_unstable_simulation() {
     for given in [Given::References, Given::Commands] {
         let exact = smooth(PENDULUM, |_, _| 0.0);
-        let found = diagnosed(&written(&PENDULUM.simulation(), FIRM, &exact, 1e-4, given));
+        let found = diagnosed_in(&written(&PENDULUM.simulation(), FIRM, &exact, 1e-4, given));
         assert_eq!(found.verdict, Verdict::None, "{given:?}: {}", found.sentence);
         assert!(found.effects.is_empty() && found.gap.as_given < 1.1 * found.gap.noise_floor, "{:?}", found.gap);
     }

@@ -4,11 +4,9 @@
 use nalgebra::dmatrix;
 use plid_model::Model;
 
-use crate::answer::schema::Diagnosis;
 use crate::case::Case;
-use crate::case::record::{Channels, rms};
-use crate::effects::Library;
-use crate::testing::{add_noise, first_is, four_records, held, only, random_input};
+use crate::case::record::Channels;
+use crate::testing::{case_of_axis, diagnosed, first_is, held, only, random_input};
 
 const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
@@ -59,14 +57,7 @@ fn case() -> Case {
         let drawn = &random_input(k as u64 + 1, SAMPLES, 1)[0];
         vec![(0..SAMPLES).map(|n| drawn[n / HOLD]).collect()]
     };
-    let std = [0.005 * rms(displacement(&input(0)[0]))];
-    let mut case = four_records(&simulation(), &std, [1.0, 0.5, 1.0], input, |k, u| {
-        let mut y = vec![displacement(&u[0])];
-        add_noise(&mut y, k as u64 + 50, &std);
-        y
-    });
-    case.config.units = [("u1", "N"), ("y1", "m")].map(|(name, unit)| (name.into(), unit.into())).into();
-    case
+    case_of_axis(&simulation(), input, |u| vec![displacement(&u[0])])
 }
 
 /// The joint is named with its stiffness, its yield displacement and the share that the simulation contains.
@@ -75,7 +66,7 @@ fn a_joint_that_the_simulation_takes_for_stuck_is_named_on_an_axis() {
     let mut case = case();
     let rivals = ["iwan-joint", "clearance", "cubic-stiffness", "coulomb-friction", "stick-friction", "backlash"];
     only(&mut case, &[&["joint-hysteresis", "added-stiffness", "added-damping"], &rivals[..]].concat());
-    let found: Diagnosis = crate::diagnose(&case, &Library::standard(), &mut |_| {}).unwrap().diagnosis;
+    let found = diagnosed(&case);
     let first = first_is(&found, "joint-hysteresis", "input:u1");
     let near = |name: &str, truth: f64| (first.parameters[name].value / truth - 1.0).abs() < 0.05;
     assert!(near("k", JOINT) && near("dy", YIELD) && near("s", 1.0), "{}", found.text());

@@ -106,6 +106,11 @@ pub fn apart(a: &Model, b: &Model) -> f64 {
     rms(&difference) / rms(b.iter().flatten())
 }
 
+/// Diagnoses a case with the standard vocabulary.
+pub fn diagnosed(case: &Case) -> Diagnosis {
+    crate::diagnose(case, &Library::standard(), &mut |_| {}).unwrap().diagnosis
+}
+
 /// Checks which effect is named first, and where. Returns it.
 pub fn first_is<'d>(found: &'d Diagnosis, effect: &str, location: &str) -> &'d NamedEffect {
     let first = &found.effects[0];
@@ -118,6 +123,20 @@ pub fn only(case: &mut Case, effects: &[&str]) {
     let library = Library::standard();
     let others = library.effects().filter(|effect| !effect.is_stochastic() && !effects.contains(&effect.name()));
     case.config.exclude = others.map(|effect| effect.name().into()).collect();
+}
+
+/// Returns a case of an axis with a command in N and a position in m, of [`four_records`] at levels 1, 0.5 and 1. `run`
+/// gives the outputs for the inputs of a record, to which 0.5 % of noise is added.
+pub fn case_of_axis(sim: &Model, input: impl Fn(usize) -> Channels, run: impl Fn(&Channels) -> Channels) -> Case {
+    let std = [0.005 * rms(&run(&input(0))[0])];
+    let measure = |k: usize, u: &Channels| {
+        let mut y = run(u);
+        add_noise(&mut y, k as u64 + 50, &std);
+        y
+    };
+    let mut case = four_records(sim, &std, [1.0, 0.5, 1.0], input, measure);
+    case.config.units = [("u1", "N"), ("y1", "m")].map(|(name, unit)| (name.into(), unit.into())).into();
+    case
 }
 
 /// Adds white noise of these standard deviations to the outputs.

@@ -7,22 +7,17 @@ use nalgebra::{DMatrix, DVector, dmatrix};
 use plid_model::Model;
 
 use crate::answer::predict::Predictor;
-use crate::answer::schema::Diagnosis;
 use crate::case::Case;
 use crate::case::record::rms;
 use crate::diagnose;
 use crate::effects::Library;
 use crate::judge::verdict::Verdict;
-use crate::testing::{add_noise, four_records, random_input, run};
+use crate::testing::{add_noise, diagnosed, four_records, random_input, run};
 
 const SAMPLES: usize = 2000;
 
 /// Number of samples over which a command is held.
 const HOLD: usize = 15;
-
-fn diagnosed(case: &Case) -> Diagnosis {
-    diagnose(case, &Library::standard(), &mut |_| {}).unwrap().diagnosis
-}
 
 /// A thermal plant: three bodies in a row with these time constants in s, seen by a thermometer at 1 Hz.
 fn oven(time_constants: &[f64]) -> Model {
