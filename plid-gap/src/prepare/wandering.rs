@@ -57,21 +57,44 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
         // Its size is estimated from its modulated sine in each record, because its phase may wander within a record as
         // well.
         let runs = [&others, &with(0.0)].map(|effects| outputs(problem, eta, effects));
-        let (mut squares, mut samples, mut one) = (vec![0.0; problem.plant.p], 0, 0.0);
+        let (mut powers, mut one) = (Vec::new(), 0.0);
         for ((record, simulated), steady) in problem.records.iter().zip(&runs[0]).zip(&runs[1]) {
-            let error = record.error(simulated);
-            let left = notch::without(&error, problem.plant.rate, hz);
-            for o in 0..squares.len() {
-                squares[o] += error[o].iter().zip(&left[o]).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-                one += simulated[o].iter().zip(&steady[o]).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-            }
-            samples += record.samples();
+            powers.push(powers_about(&record.error(simulated), problem.plant.rate, hz));
+            let power = |(a, b): (&Vec<f64>, &Vec<f64>)| mean_square_of_difference(a, b);
+            one += simulated.iter().zip(steady).map(power).sum::<f64>() * record.samples() as f64;
         }
-        let amplitude = placed.parameters[size].abs() * (squares.iter().sum::<f64>() / one).sqrt();
-        let rms = squares.iter().map(|square| (square / samples as f64).sqrt()).collect();
+        let samples: Vec<f64> = problem.records.iter().map(|record| record.samples() as f64).collect();
+        let all: f64 = samples.iter().sum();
+        let mean = |o: usize| powers.iter().zip(&samples).map(|(power, n)| power[o] * n).sum::<f64>() / all;
+        let means: Vec<f64> = (0..problem.plant.p).map(mean).collect();
+        if !is_steady(&powers, &ready.declared_sensor, settings.steady_line) {
+            return None;
+        }
+        let amplitude = placed.parameters[size].abs() * (means.iter().sum::<f64>() * all / one).sqrt();
+        let rms = means.iter().map(|mean| mean.sqrt()).collect();
         let effect = placed.effect.name();
         Some((which, Wandering { effect, port, hz, amplitude, rms, gain: own }))
     })
+}
+
+fn mean_square_of_difference(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64
+}
+
+/// Returns the mean square, at each output, of what a slowly modulated sine can contribute to a residual.
+pub(super) fn powers_about(residual: &[Vec<f64>], rate: f64, hz: f64) -> Vec<f64> {
+    let left = notch::without(residual, rate, hz);
+    residual.iter().zip(&left).map(|(all, left)| mean_square_of_difference(all, left)).collect()
+}
+
+/// Returns whether a line has about the same amplitude in all records, from its power at each output in each record;
+/// `scales` are the sizes in which the outputs are compared. What an unknown law leaves at a resonance looks like a
+/// line, too, but it follows the level of the inputs.
+pub(super) fn is_steady(powers: &[Vec<f64>], scales: &[f64], least: f64) -> bool {
+    let amplitude = |power: &Vec<f64>| power.iter().zip(scales).map(|(p, scale)| p / scale.powi(2)).sum::<f64>().sqrt();
+    let amplitudes: Vec<f64> = powers.iter().map(amplitude).collect();
+    let largest = amplitudes.iter().copied().fold(0.0, f64::max);
+    amplitudes.iter().all(|amplitude| *amplitude >= least * largest)
 }
 
 /// Returns twice the log likelihood that a line gains over the residual `without` it: with a separate phase in each
@@ -96,6 +119,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
+    use crate::case::Case;
     use crate::effects::{Action, Library};
     use crate::fit::problem::sum_of_squares;
     use crate::plant::Plant;
@@ -103,28 +127,44 @@ mod tests {
     use crate::simulate::simulate;
     use crate::testing;
 
-    /// A force of 103 Hz at the second port, with one phase or with a separate one in each record.
-    #[test]
-    fn a_line_that_keeps_its_phase_does_not_wander() {
-        const HZ: f64 = 103.0;
-        const SIZE: f64 = 0.05;
+    const HZ: f64 = 103.0;
+    const SIZE: f64 = 0.05;
+
+    /// Phases of a line that does not keep its own, and sizes of one that does not know of the records and of one that
+    /// does.
+    const APART: [f64; 4] = [0.0, 1.9, 4.1, 5.5];
+    const STEADY: [f64; 4] = [SIZE; 4];
+    const UNSTEADY: [f64; 4] = [0.3 * SIZE, 0.3 * SIZE, SIZE, SIZE];
+
+    /// Returns a case of four records to which the response to a force at the second port is added.
+    fn pushed(phases: [f64; 4], sizes: [f64; 4]) -> Case {
         let sim = testing::truss(1);
+        let plant = Plant::new(&sim).unwrap();
+        let mut case = testing::case(&sim, &sim);
+        for ((record, phase), size) in case.records.iter_mut().zip(phases).zip(sizes) {
+            let force = move |t: f64| size * (TAU * HZ * t + phase).sin();
+            let quiet = vec![vec![0.0; record.samples()]; plant.m];
+            let line = [Action::Disturbance(1, Box::new(force))];
+            let more = simulate(&plant, &line, &quiet, record.start_s, None, Fineness::FINE);
+            record.y.iter_mut().flatten().zip(more.iter().flatten()).for_each(|(y, more)| *y += more);
+        }
+        case
+    }
+
+    fn prepared(case: &Case) -> Prepared {
+        prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap()
+    }
+
+    /// Only a line with a separate phase in each record, and with one amplitude, wanders.
+    #[test]
+    fn a_line_that_keeps_its_phase_or_follows_the_records_does_not_wander() {
         let library = Library::standard();
-        for phases in [[0.0; 4], [0.0, 1.9, 4.1, 5.5]] {
-            let mut case = testing::case(&sim, &sim);
-            let plant = Plant::new(&sim).unwrap();
-            for (record, phase) in case.records.iter_mut().zip(phases) {
-                let force = move |t: f64| SIZE * (TAU * HZ * t + phase).sin();
-                let quiet = vec![vec![0.0; record.samples()]; plant.m];
-                let line = [Action::Disturbance(1, Box::new(force))];
-                let more = simulate(&plant, &line, &quiet, record.start_s, None, Fineness::FINE);
-                record.y.iter_mut().flatten().zip(more.iter().flatten()).for_each(|(y, more)| *y += more);
-            }
-            let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        for (phases, sizes) in [([0.0; 4], STEADY), (APART, STEADY), (APART, UNSTEADY)] {
+            let mut ready = prepared(&pushed(phases, sizes));
             let eta = vec![0.0; ready.problem.nuisance.len()];
             let effect = library.get("narrowband-disturbance").unwrap();
             let line = Placed { effect, place: Place::Frequency(HZ, 1), parameters: vec![0.2, HZ, 0.4] };
-            let wanders = phases[3] > 0.0;
+            let wanders = phases == APART && sizes == STEADY;
             let effects = std::slice::from_ref(&line);
             if let Some((which, found)) = wandering(&ready, &eta, effects) {
                 assert_eq!((which, found.port, found.hz), (0, 1, HZ));
@@ -136,6 +176,18 @@ mod tests {
             // Noise alone, or the whole line.
             let ratio = left / problem.rows() as f64;
             assert!(if wanders { (0.8..1.1).contains(&ratio) } else { ratio > 10.0 }, "{ratio}");
+        }
+    }
+
+    /// Where no record is quiet, a line is offered to effects only if it has one amplitude.
+    #[test]
+    fn a_line_that_follows_the_records_is_not_offered() {
+        for sizes in [STEADY, UNSTEADY] {
+            let mut case = pushed([0.0; 4], sizes);
+            case.records.remove(0);
+            let tones = prepared(&case).problem.setting.tones;
+            let offered = tones.iter().any(|tone| (tone.hz / HZ - 1.0).abs() < 0.01);
+            assert_eq!(offered, sizes == STEADY, "{tones:?}");
         }
     }
 }
