@@ -112,9 +112,17 @@ impl Unpredicted {
             predictability(problem, &plant, &simulated)?.into_iter().map(Predictability::at_most).collect();
         let left = |o: usize| rms(driven().flat_map(|(record, simulated)| record.measured_error(o, &simulated[o])));
         let size = |o: usize| rms(driven().flat_map(|(record, _)| &record.y[o]).filter(|y| y.is_finite()));
+        let sizes: Vec<f64> = (0..problem.plant.p).map(|o| size(o).max(f64::MIN_POSITIVE)).collect();
+        let of_record = |(record, simulated): (&Record, &Channels)| {
+            let at = |o: usize| rms(record.measured_error(o, &simulated[o])) / sizes[o];
+            (record.level(), (0..sizes.len()).map(|o| at(o).powi(2)).sum::<f64>().sqrt())
+        };
+        let by_level: Vec<(f64, f64)> = driven().map(of_record).collect();
+        if grows_with_level(&by_level, problem.settings.search.level_step, settings.noise_follows) {
+            return None;
+        }
         let rms: Vec<f64> = (0..problem.plant.p).map(left).collect();
-        let squares: Vec<f64> =
-            rms.iter().enumerate().map(|(o, rms)| (rms / size(o).max(f64::MIN_POSITIVE)).powi(2)).collect();
+        let squares: Vec<f64> = rms.iter().zip(&sizes).map(|(rms, size)| (rms / size).powi(2)).collect();
         let at_most = of_all(&predicted, &squares);
         (at_most < settings.noise_predicted).then_some(Self { at_most, rms })
     }
@@ -133,6 +141,19 @@ impl Unpredicted {
             _ => false,
         }
     }
+}
+
+/// Returns whether a residual grows with the level of the inputs from record to record, from both of each record: as a
+/// power of the level with at least this exponent, if the levels differ by this factor. Noise does not know the level.
+fn grows_with_level(records: &[(f64, f64)], step: f64, least: f64) -> bool {
+    let of = |(level, size): &(f64, f64)| [level.ln(), size.max(f64::MIN_POSITIVE).ln()];
+    let logarithms: Vec<[f64; 2]> = records.iter().map(of).collect();
+    let count = logarithms.len().max(1) as f64;
+    let mean = [0, 1].map(|i| logarithms.iter().map(|both| both[i]).sum::<f64>() / count);
+    let moment = |i: usize| logarithms.iter().map(|both| (both[0] - mean[0]) * (both[i] - mean[i])).sum::<f64>();
+    let levels = || logarithms.iter().map(|both| both[0]);
+    let apart = levels().fold(f64::NEG_INFINITY, f64::max) - levels().fold(f64::INFINITY, f64::min);
+    apart > step.ln() && moment(1) > least * moment(0)
 }
 
 /// Returns the predictability of the residual of each output in the driven records; `None` if these are
@@ -313,9 +334,46 @@ fn errors(blocks: &[Normal], known: usize, penalty: f64) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::effects::Action;
+    use crate::fit::refit::refit;
     use crate::prepare::{Known, prepare};
     use crate::simulate::{Fineness, simulate};
     use crate::testing;
+
+    /// The residual of a law grows with the level of the inputs, and noise does not. Records of about one level do not
+    /// show which it is.
+    #[test]
+    fn noise_does_not_grow_with_the_level() {
+        for (records, grows) in [
+            ([(1.0, 0.11), (2.0, 0.1), (3.0, 0.09)], false),
+            ([(1.0, 0.1), (2.0, 0.2), (3.0, 0.3)], true),
+            ([(1.0, 0.1), (1.1, 0.2), (1.2, 0.3)], false),
+            ([(1.0, 0.0), (2.0, 0.2), (3.0, 0.3)], true),
+        ] {
+            assert_eq!(grows_with_level(&records, 1.4, 0.5), grows, "{records:?}");
+        }
+    }
+
+    /// The residual of a sound simulation with noise counts as noise. If the same noise is larger at a higher level, it
+    /// does not.
+    #[test]
+    fn what_grows_with_the_level_is_no_noise() {
+        let sim = testing::truss(1);
+        let plant = Plant::new(&sim).unwrap();
+        for grows in [false, true] {
+            let mut case = testing::case(&sim, &sim);
+            for (k, record) in case.records.iter_mut().enumerate().skip(1) {
+                let level = k as f64;
+                record.u = testing::random_input(80 + k as u64, record.samples(), record.u.len());
+                record.u.iter_mut().flatten().for_each(|u| *u *= level);
+                record.y = simulate(&plant, &[], &record.u, 0.0, None, Fineness::FINE);
+                let size = 0.1 * rms(record.y.iter().flatten()) / if grows { 1.0 } else { level };
+                let noise = testing::random_input(90 + k as u64, record.samples(), record.y.len());
+                record.y.iter_mut().zip(noise).for_each(|(y, e)| y.iter_mut().zip(e).for_each(|(y, e)| *y += size * e));
+            }
+            let problem = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap().problem;
+            assert_eq!(Unpredicted::of(&problem, &refit(&problem, 0).as_fit()).is_none(), grows);
+        }
+    }
 
     /// The inputs predict a force that is the square of the displacement at another port. They do not predict a random
     /// force of the same size.
