@@ -533,14 +533,15 @@ fn rest_in_time(
 }
 
 /// Infers the ports of a simulation that declares none: on the axis of each input and, in a structure, at its further
-/// positions and velocities; at each input from the modes, where no output shows the motion of its axis.
+/// positions and velocities; from the modes, where no output shows the motion of the axes, at each input and at the
+/// outputs that reciprocity reaches.
 fn inferred(plant: &Plant, model: &Model) -> (Vec<Port>, PortSource) {
     if plant.modes.is_empty() {
         return (axis::infer(plant, &model.inputs, &model.output_kinds), PortSource::Axis);
     }
     match reciprocal::infer(plant, &model.inputs, &model.outputs) {
         Some(ports) => (ports, PortSource::Axis),
-        None => (ports::infer(plant, &model.inputs), PortSource::Inferred),
+        None => (ports::infer(plant, &model.inputs, &model.outputs), PortSource::Inferred),
     }
 }
 
@@ -603,6 +604,13 @@ impl Plant {
         let pole = mode.pole;
         let both = mode.c[o] * mode.b[i] / (self.chain.behind(o, pole) * self.chain.before(i, pole));
         (both * C::new(0.0, 2.0 * pole.im) / pole.powi(order)).re
+    }
+
+    /// Returns gamma_o beta of a mode for the shape of a force that passes no actuator.
+    fn product_by(&self, mode: &Mode, o: usize, force: C) -> f64 {
+        let pole = mode.pole;
+        let both = mode.c[o] * force / self.chain.behind(o, pole);
+        (both * C::new(0.0, 2.0 * pole.im) / pole.powi(self.sensed[o].order)).re
     }
 
     /// Returns s^k / (s^2 + 2 zeta w s + w^2), the k-th derivative of a mode's displacement for a unit force.

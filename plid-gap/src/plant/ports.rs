@@ -1,5 +1,6 @@
 use nalgebra::DVector;
 
+use super::reciprocal::{IDENTIFIED, collocated_outputs};
 use super::{Mode, Plant, Port};
 use plid_fourier::C;
 
@@ -10,7 +11,8 @@ pub enum PortSource {
     /// The simulation or the case declares them.
     Declared,
     /// The port of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output
-    /// shapes of equal norm, as if sensors were near the actuators).
+    /// shapes of equal norm, as if sensors were near the actuators). If sensors are at the actuators, their shapes alone
+    /// give the scale, and each further output has a port.
     Inferred,
     /// The axis of each input, from the output that shows its motion, because the simulation has no lightly damped
     /// mode.
@@ -53,68 +55,115 @@ pub enum PortScale {
 /// Largest relative difference of two rows that are one row but for rounding.
 pub(crate) const SAME_ROW: f64 = 1e-6;
 
-/// Infers the port of each input from the modes.
+/// Infers the port of each input from the modes, and that of each further output if all inputs have collocated ones.
 ///
 /// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k); the mode's port
 /// sees d = beta q. The simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0,
-/// up to one number g0 for each mode.
-pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
-    let modal = modal_ports(plant);
-    let port = |(i, name): (usize, &String)| {
+/// up to one number g0 for each mode. At a collocated sensor beta = gamma, which gives g0. A force at another output
+/// then has beta = gamma there, too (Maxwell, Betti).
+pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Vec<Port> {
+    let at = collocated_outputs(plant, &IDENTIFIED);
+    let modal: Vec<ModalPorts> = plant.modes.iter().map(|mode| ModalPorts::new(plant, mode, at.as_deref())).collect();
+    let of_input = |(i, name): (usize, &String)| {
         let scale = PortScale::Inferred(Some(i));
-        Port { name: name.clone(), input: Some(i), scale, ..port(plant, &modal, i, &|_| true) }
+        Port { name: name.clone(), input: Some(i), scale, ..of_input(plant, &modal, i, &|_| true) }
     };
-    inputs.iter().enumerate().map(port).collect()
+    let further = |o: &usize| at.as_ref().is_some_and(|at| !at.contains(o));
+    let of_output = |o: usize| Port { name: outputs[o].clone(), ..of_output(plant, &modal, o) };
+    inputs.iter().enumerate().map(of_input).chain((0..plant.p).filter(further).map(of_output)).collect()
 }
 
 /// Returns a port on a single mode, for an effect that no input's port explains: the port of the input that drives this
 /// mode most, restricted to this mode.
 pub(super) fn of_mode(plant: &Plant, k: usize) -> Port {
-    let modal = modal_ports(plant);
-    let size = |i: usize| modal[k].0[i].norm_sqr();
+    let at = collocated_outputs(plant, &IDENTIFIED);
+    let modal: Vec<ModalPorts> = plant.modes.iter().map(|mode| ModalPorts::new(plant, mode, at.as_deref())).collect();
+    let size = |i: usize| modal[k].force[i].norm_sqr();
     let i = (0..plant.m).max_by(|&a, &b| size(a).total_cmp(&size(b))).expect("a plant has inputs");
-    port(plant, &modal, i, &|mode| mode == k)
+    of_input(plant, &modal, i, &|mode| mode == k)
 }
 
-/// Force columns and displacement rows of all ports, for each mode.
-type ModalPorts = Vec<(Vec<C>, Vec<C>)>;
+/// The shapes of forces and displacements on a mode.
+struct ModalPorts {
+    /// Force column of each input.
+    force: Vec<C>,
+    /// Shape of each output.
+    sensed: Vec<C>,
+    /// g0^2, by which force and shape differ at a collocated sensor.
+    square: C,
+    /// 2 j times the damped frequency.
+    twice: C,
+}
 
-fn modal_ports(plant: &Plant) -> ModalPorts {
-    plant.modes.iter().map(|mode| modal_port(plant, mode)).collect()
+impl ModalPorts {
+    /// From the shapes at the inputs and, if there are such, at their collocated outputs.
+    fn new(plant: &Plant, mode: &Mode, at: Option<&[usize]>) -> Self {
+        let pole = mode.pole;
+        let force: Vec<C> = (0..plant.m).map(|i| mode.b[i] / plant.chain.before(i, pole)).collect();
+        // After the filter, y = gamma q^(k) has c = gamma pole^k F(pole) / (2 j Im(pole) g0).
+        let twice = C::new(0.0, 2.0 * pole.im);
+        let sensed = |o: usize| mode.c[o] * twice / (pole.powi(plant.sensed[o].order) * plant.chain.behind(o, pole));
+        let sensed: Vec<C> = (0..plant.p).map(sensed).collect();
+        let norm = |sum: f64| sum.sqrt().max(f64::MIN_POSITIVE);
+        let shown = (0..plant.p).filter(|o| at.is_none_or(|at| at.contains(o)));
+        let size = norm(force.iter().map(|g| g.norm_sqr()).sum()) / norm(shown.map(|o| sensed[o].norm_sqr()).sum());
+        // The phase of g0 makes all of g / g0 as nearly real as possible.
+        let phase = force.iter().map(|g| g * g).sum::<C>().arg();
+        Self { force, sensed, square: C::from_polar(size, phase), twice }
+    }
 }
 
 /// Returns the port of an input, restricted to the modes that are kept, without a name.
-fn port(plant: &Plant, modal: &ModalPorts, i: usize, kept: &dyn Fn(usize) -> bool) -> Port {
+fn of_input(plant: &Plant, modal: &[ModalPorts], i: usize, kept: &dyn Fn(usize) -> bool) -> Port {
     let keep = |k: usize, x: C| if kept(k) { x } else { C::ZERO };
-    let displacement: Vec<C> = modal.iter().enumerate().map(|(k, (_, row))| keep(k, row[i])).collect();
+    let shape = |(k, mode): (usize, &ModalPorts)| keep(k, mode.force[i] / (mode.square * mode.twice));
+    let force = modal.iter().enumerate().map(|(k, mode)| keep(k, mode.force[i])).collect();
+    let product = |k: usize, o: usize| if kept(k) { plant.product(&plant.modes[k], o, i) } else { 0.0 };
+    of_shapes(plant, force, modal.iter().enumerate().map(shape).collect(), &product)
+}
+
+/// Returns the port at the motion that an output shows, without a name.
+fn of_output(plant: &Plant, modal: &[ModalPorts], o: usize) -> Port {
+    // Sensors show the phase of g0 without the time by which inputs seem to come early.
+    let shape = |mode: &ModalPorts| {
+        let phase = mode.sensed.iter().map(|k| k * k).sum::<C>().arg();
+        mode.sensed[o] * C::from_polar(mode.square.norm(), -phase)
+    };
+    let force: Vec<C> = modal.iter().map(shape).collect();
+    let product = |k: usize, seen: usize| plant.product_by(&plant.modes[k], seen, force[k]);
+    of_shapes(plant, force.clone(), modal.iter().map(|mode| mode.sensed[o] / mode.twice).collect(), &product)
+}
+
+/// Returns a port from the shapes of its force and its displacement. `product` is gamma_o beta of a mode and an output.
+fn of_shapes(plant: &Plant, force: Vec<C>, displacement: Vec<C>, product: &dyn Fn(usize, usize) -> f64) -> Port {
     let velocity: Vec<C> = displacement.iter().zip(&plant.modes).map(|(row, mode)| row * mode.pole).collect();
     Port {
         name: String::new(),
         input: None,
         scale: PortScale::Inferred(None),
-        force: modal.iter().enumerate().map(|(k, (force, _))| keep(k, force[i])).collect(),
-        force_rest: through_filters(plant, i, kept),
+        force,
+        force_rest: through_filters(plant, product),
         displacement_rest: without_actuators(plant, &displacement),
         velocity_rest: without_actuators(plant, &velocity),
         displacement,
         velocity,
-        output: at_once(plant, i, kept),
+        output: at_once(plant, product),
     }
 }
 
 /// Returns the force of a port on the poles of the filters. It passes no actuator.
-fn through_filters(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> DVector<f64> {
-    let modes = plant.modes.iter().enumerate().filter(|(k, _)| kept(*k));
-    modes.fold(DVector::zeros(plant.rest.a.nrows()), |sum, (_, mode)| sum + plant.filters_part(mode, i))
+fn through_filters(plant: &Plant, product: &dyn Fn(usize, usize) -> f64) -> DVector<f64> {
+    let part = |(k, mode): (usize, &Mode)| plant.filters_part(mode, &|o| product(k, o));
+    plant.modes.iter().enumerate().map(part).fold(DVector::zeros(plant.rest.a.nrows()), |sum, part| sum + part)
 }
 
 /// Returns the direct response to a force, which accelerations without a filter have.
-fn at_once(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> Vec<f64> {
+fn at_once(plant: &Plant, product: &dyn Fn(usize, usize) -> f64) -> Vec<f64> {
     if !plant.understood() {
         return Vec::new();
     }
-    let modes = || plant.modes.iter().enumerate().filter(|(k, _)| kept(*k));
-    (0..plant.p).map(|o| modes().map(|(_, mode)| plant.at_once_part(mode, o, i)).sum()).collect()
+    let by_mode = |o: usize| (0..plant.modes.len()).map(move |k| product(k, o));
+    (0..plant.p).map(|o| if plant.answers_at_once(o) { by_mode(o).sum() } else { 0.0 }).collect()
 }
 
 /// A mode's state z contains a part kappa_j a_j of each actuator's output that is not motion: z = z_motion + sum of
@@ -158,8 +207,10 @@ impl Plant {
             let ratio = after.b[i] / before.b[i];
             let [displacement, velocity] = [port.displacement[k], port.velocity[k]]
                 .map(|row| self.actuators_part(before, row) - self.actuators_part(&after, row * ratio));
-            let filters = self.filters_part(&after, i) - self.filters_part(before, i);
-            let more = |o: usize| self.at_once_part(&after, o, i) - self.at_once_part(before, o, i);
+            let filters = |mode: &Mode| self.filters_part(mode, &|o| self.product(mode, o, i));
+            let filters = filters(&after) - filters(before);
+            let at_once = |mode: &Mode, o: usize| if self.answers_at_once(o) { self.product(mode, o, i) } else { 0.0 };
+            let more = |o: usize| at_once(&after, o) - at_once(before, o);
             let output: Vec<f64> = port.output.iter().enumerate().map(|(o, now)| now + more(o)).collect();
             let port = &mut self.ports[index];
             for row in [&mut port.force, &mut port.displacement, &mut port.velocity] {
@@ -172,24 +223,19 @@ impl Plant {
         }
     }
 
-    /// Returns the force of an input's port on the poles of the filters, through one mode.
-    fn filters_part(&self, mode: &Mode, i: usize) -> DVector<f64> {
+    /// Returns the force of a port on the poles of the filters, through one mode, from gamma_o beta for each output.
+    fn filters_part(&self, mode: &Mode, product: &dyn Fn(usize) -> f64) -> DVector<f64> {
         let mut column = DVector::zeros(self.rest.a.nrows());
         for (o, filters) in self.chain.filter.iter().enumerate() {
             for (f, filter) in filters.iter().enumerate() {
                 let order = self.sensed[o].order;
-                let response = Plant::derivative(order, mode.pole, filter.pole) * self.product(mode, o, i);
+                let response = Plant::derivative(order, mode.pole, filter.pole) * product(o);
                 let gain = self.chain.residue(o, f) * response;
                 let both = if filter.pole.im == 0.0 { 1.0 } else { 2.0 };
                 column += filter.column.map(|v| both * (v * gain).re);
             }
         }
         column
-    }
-
-    /// Returns the direct response of an output to such a force through one mode.
-    fn at_once_part(&self, mode: &Mode, o: usize, i: usize) -> f64 {
-        if self.answers_at_once(o) { self.product(mode, o, i) } else { 0.0 }
     }
 
     /// Returns the part of a row on a mode's state that is not motion: kappa_j a_j of each actuator's output, as a row
@@ -216,19 +262,48 @@ fn same(a: &[f64], b: &[f64]) -> bool {
     a.len() == b.len() && far.sqrt() <= SAME_ROW * square(&mut a.iter().copied()).sqrt()
 }
 
-/// Returns the force columns and displacement rows of all ports on one mode.
-fn modal_port(plant: &Plant, mode: &Mode) -> (Vec<C>, Vec<C>) {
-    let pole = mode.pole;
-    let force: Vec<C> = (0..plant.m).map(|i| mode.b[i] / plant.chain.before(i, pole)).collect();
-    // After the filter, y = gamma q^(k) has c = gamma pole^k F(pole) / (2 j Im(pole) g0).
-    let twice = C::new(0.0, 2.0 * pole.im);
-    let sensed =
-        (0..plant.p).map(|o| mode.c[o] * twice / (pole.powi(plant.sensed[o].order) * plant.chain.behind(o, pole)));
-    let norm = |sum: f64| sum.sqrt().max(f64::MIN_POSITIVE);
-    let size = norm(force.iter().map(|g| g.norm_sqr()).sum()) / norm(sensed.map(|k| k.norm_sqr()).sum());
-    // The phase of g0 makes all of g / g0 as nearly real as possible.
-    let phase = force.iter().map(|g| g * g).sum::<C>().arg();
-    let square = C::from_polar(size, phase);
-    let row = force.iter().map(|g| g / (square * twice)).collect();
-    (force, row)
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::Load;
+    use crate::testing::accelerometers::model;
+    use nalgebra::dmatrix;
+
+    fn names(plant: &Plant) -> Vec<(&str, Option<usize>)> {
+        plant.ports.iter().map(|port| (port.name.as_str(), port.input)).collect()
+    }
+
+    /// A spring at the port of the second mass changes the poles and the response as one in the matrices does.
+    #[test]
+    fn a_force_at_a_further_accelerometer_follows_from_reciprocity() {
+        let mut plant = Plant::new(&model(0.0, 0.0)).unwrap();
+        assert_eq!((plant.modes.len(), plant.port_source), (2, PortSource::Inferred));
+        assert_eq!(names(&plant), [("u1", Some(0)), ("y2", None)]);
+        plant.load(1, &Load { stiffness: 700.0, ..Default::default() });
+        let expected = Plant::new(&model(700.0, 0.0)).unwrap();
+        for hz in [3.0, 9.0, 14.0, 40.0] {
+            let [found, right] = [&plant, &expected].map(|plant| plant.response(hz));
+            assert!((&found - &right).norm() < 1e-3 * right.norm(), "{hz} Hz: {found} for {right}");
+        }
+    }
+
+    /// In a model that was identified from records, inputs seem to come half a sample early. The port of the second
+    /// mass is the same: the displacement by a force there, mode by mode. Without the first sensor there is none.
+    #[test]
+    fn inputs_that_seem_to_come_early_leave_the_port_of_a_sensor() {
+        let compliance = |plant: &Plant| -> Vec<C> {
+            let port = &plant.ports[1];
+            port.force.iter().zip(&port.displacement).map(|(force, row)| force * row).collect()
+        };
+        let [exact, early] = [0.0, 1e-3].map(|early_s| Plant::new(&model(0.0, early_s)).unwrap());
+        assert_eq!(names(&early), [("u1", Some(0)), ("y2", None)]);
+        for (found, right) in compliance(&early).iter().zip(compliance(&exact)) {
+            assert!((found - right).norm() < 1e-2 * right.norm(), "{found} for {right}");
+        }
+        // The second mass, and its motion against the first.
+        let mut alone = model(0.0, 0.0);
+        let shown = dmatrix![0.0, 1.0; -1.0, 1.0];
+        (alone.c, alone.d) = (&shown * &alone.c, &shown * &alone.d);
+        assert_eq!(names(&Plant::new(&alone).unwrap()), [("u1", Some(0))]);
+    }
 }

@@ -14,22 +14,47 @@ pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Opt
     if plant.rest.continuous.is_none() || plant.sensed.iter().any(|sensed| sensed.order > 1) {
         return None;
     }
+    let at = collocated_outputs(plant, &EXACT)?;
     let mut axes = Vec::new();
-    for (input, name) in inputs.iter().enumerate() {
-        let used = |output: &usize| !axes.iter().any(|(other, _): &(usize, Port)| other == output);
-        let size = |output: &usize| plant.modes.iter().map(|mode| residue(plant, mode, *output, input).norm()).sum();
-        let sizes = |a: &usize, b: &usize| f64::total_cmp(&size(a), &size(b));
-        let output = (0..plant.p).filter(|output| used(output) && collocated(plant, *output, input)).max_by(sizes)?;
+    for (input, (name, &output)) in inputs.iter().zip(&at).enumerate() {
         let port = plant.between(&CasePort { name: name.clone(), input, output }).ok()?;
         if !only_accelerates(plant, &port, output, input) {
             return None;
         }
-        axes.push((output, Port { input: Some(input), ..port }));
+        axes.push(Port { input: Some(input), ..port });
     }
-    let (_, axis) = axes.first()?;
-    let further = (0..plant.p).filter(|output| !axes.iter().any(|(used, _)| used == output));
+    let axis = axes.first()?;
+    let further = (0..plant.p).filter(|output| !at.contains(output));
     let further: Vec<Port> = further.filter_map(|to| beside(plant, axis, to, &outputs[to])).collect();
-    Some(axes.into_iter().map(|(_, port)| port).chain(further).collect())
+    Some(axes.into_iter().chain(further).collect())
+}
+
+/// How far the modes may be from those of a collocated sensor.
+pub(super) struct Tolerance {
+    /// Largest time in samples by which the inputs may seem to come early or late.
+    shift: f64,
+    /// Share of the largest residue below which that of a mode says nothing.
+    negligible: f64,
+}
+
+/// A simulation that was written, not identified.
+const EXACT: Tolerance = Tolerance { shift: 0.0, negligible: 0.0 };
+
+/// A model of held inputs that was identified from records. Inputs that change within a sample seem to come half a
+/// sample early.
+pub(super) const IDENTIFIED: Tolerance = Tolerance { shift: 0.75, negligible: 0.02 };
+
+/// Returns the collocated output of each input; `None` if an input has none.
+pub(super) fn collocated_outputs(plant: &Plant, tolerance: &Tolerance) -> Option<Vec<usize>> {
+    let mut at: Vec<usize> = Vec::new();
+    for input in 0..plant.m {
+        let size = |output: &usize| plant.modes.iter().map(|mode| residue(plant, mode, *output, input).norm()).sum();
+        let sizes = |a: &usize, b: &usize| f64::total_cmp(&size(a), &size(b));
+        let may_be = |output: &usize| !at.contains(output) && collocated(plant, *output, input, tolerance);
+        let output = (0..plant.p).filter(may_be).max_by(sizes)?;
+        at.push(output);
+    }
+    Some(at)
 }
 
 /// The residue of a mode in the response of a displacement to a force, over 2 j times its damped frequency: for a
@@ -40,9 +65,16 @@ fn residue(plant: &Plant, mode: &Mode, output: usize, input: usize) -> C {
     mode.c[output] * mode.b[input] * C::new(0.0, 2.0 * mode.pole.im) / (passed * mode.pole.powi(sensed.order))
 }
 
-fn collocated(plant: &Plant, output: usize, input: usize) -> bool {
-    let residues: Vec<C> = plant.modes.iter().map(|mode| residue(plant, mode, output, input)).collect();
-    residues.iter().all(|residue| residue.arg().abs() < plant.settings.collocated_phase)
+fn collocated(plant: &Plant, output: usize, input: usize, tolerance: &Tolerance) -> bool {
+    let of = |mode: &Mode| (mode.pole.im, residue(plant, mode, output, input));
+    let residues: Vec<(f64, C)> = plant.modes.iter().map(of).collect();
+    let least = tolerance.negligible * residues.iter().map(|(_, residue)| residue.norm()).fold(0.0, f64::max);
+    let residues = || residues.iter().filter(|(_, residue)| residue.norm() >= least);
+    // By least squares, each phase in proportion to its residue.
+    let product = |by: fn(f64, f64) -> f64| residues().map(|(w, x)| x.norm() * w * by(*w, x.arg())).sum::<f64>();
+    let most = tolerance.shift / plant.rate;
+    let shift = (product(|_, phase| phase) / product(|w, _| w).max(f64::MIN_POSITIVE)).clamp(-most, most);
+    residues().all(|(w, x)| (x * C::cis(-w * shift)).arg().abs() < plant.settings.collocated_phase)
 }
 
 /// Returns whether a force at a port immediately changes its velocity, and not its displacement, as in any mechanical

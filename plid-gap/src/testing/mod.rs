@@ -1,5 +1,6 @@
 //! Small structures and records of them, for tests.
 
+pub mod accelerometers;
 pub mod arm;
 pub(crate) mod axis;
 mod blind;
