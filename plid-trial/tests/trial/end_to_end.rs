@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use plid_gap::effects::Library;
+use plid_testbed::gap::{Channels, PlantKind};
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{Extent, Options, Shard, TrialConfig, diagnose, draw, score};
 use plid_work::Silent;
@@ -25,7 +26,9 @@ fn three_cases_from_the_draw_to_the_report() {
         // Above what may be missed.
         least_over_floor: 5.0,
         near_misses: 0.0,
-        // Short records show the machinery as well as long ones.
+        // Short records of a plant with few modes and channels show the machinery as well as long ones.
+        plants: vec![PlantKind::Beam],
+        channels: vec![Channels { inputs: 2, outputs: 2 }],
         length: 0.25,
         ..Draw::default()
     };
