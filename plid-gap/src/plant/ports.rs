@@ -11,8 +11,8 @@ pub enum PortSource {
     /// The simulation or the case declares them.
     Declared,
     /// The port of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output
-    /// shapes of equal norm, as if sensors were near the actuators). If sensors are at the actuators, their shapes alone
-    /// give the scale, and each further output has a port.
+    /// shapes of equal norm, as if sensors were near the actuators). If a sensor is at each actuator, the shapes of
+    /// these sensors alone give the scale, and each further output has a port.
     Inferred,
     /// The axis of each input, from the output that shows its motion, because the simulation has no lightly damped
     /// mode.
@@ -63,7 +63,7 @@ pub(crate) const SAME_ROW: f64 = 1e-6;
 /// then has beta = gamma there, too (Maxwell, Betti).
 pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Vec<Port> {
     let at = collocated_outputs(plant, &IDENTIFIED);
-    let modal: Vec<ModalPorts> = plant.modes.iter().map(|mode| ModalPorts::new(plant, mode, at.as_deref())).collect();
+    let modal = modal_ports(plant, at.as_deref());
     let of_input = |(i, name): (usize, &String)| {
         let scale = PortScale::Inferred(Some(i));
         Port { name: name.clone(), input: Some(i), scale, ..of_input(plant, &modal, i, &|_| true) }
@@ -76,11 +76,14 @@ pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Vec
 /// Returns a port on a single mode, for an effect that no input's port explains: the port of the input that drives this
 /// mode most, restricted to this mode.
 pub(super) fn of_mode(plant: &Plant, k: usize) -> Port {
-    let at = collocated_outputs(plant, &IDENTIFIED);
-    let modal: Vec<ModalPorts> = plant.modes.iter().map(|mode| ModalPorts::new(plant, mode, at.as_deref())).collect();
+    let modal = modal_ports(plant, collocated_outputs(plant, &IDENTIFIED).as_deref());
     let size = |i: usize| modal[k].force[i].norm_sqr();
     let i = (0..plant.m).max_by(|&a, &b| size(a).total_cmp(&size(b))).expect("a plant has inputs");
     of_input(plant, &modal, i, &|mode| mode == k)
+}
+
+fn modal_ports(plant: &Plant, at: Option<&[usize]>) -> Vec<ModalPorts> {
+    plant.modes.iter().map(|mode| ModalPorts::new(plant, mode, at)).collect()
 }
 
 /// The shapes of forces and displacements on a mode.
