@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::fit::free_run::run;
 use crate::judge::gap::middle;
+use crate::judge::growth::{differ, exponent};
 use crate::noise::NoiseModel;
 use crate::prepare::Prepared;
 use crate::settings::GapSettings;
@@ -252,16 +253,7 @@ impl Sums {
     /// Returns the slope over records, each with its level; `None` if the squared distances of the levels' logarithms
     /// from their mean sum to less than `spread`.
     fn slope(&self, levels: &[(usize, f64)], spread: f64) -> Option<f64> {
-        let points = levels.iter().map(|&(record, level)| (level.ln(), self.gap(record).ln()));
-        let usable: Vec<(f64, f64)> = points.filter(|(_, gap)| gap.is_finite()).collect();
-        let n = usable.len() as f64;
-        let (mean_x, mean_y) =
-            (usable.iter().map(|(x, _)| x).sum::<f64>() / n, usable.iter().map(|(_, y)| y).sum::<f64>() / n);
-        let square: f64 = usable.iter().map(|(x, _)| (x - mean_x).powi(2)).sum();
-        if usable.len() < 2 || square < spread {
-            return None;
-        }
-        Some(usable.iter().map(|(x, y)| (x - mean_x) * (y - mean_y)).sum::<f64>() / square)
+        exponent(levels.iter().map(|&(record, level)| (level, self.gap(record))), spread)
     }
 }
 
@@ -272,10 +264,7 @@ fn of_levels(records: &[Record], same_level: f64) -> Vec<usize> {
         let kind = |r: &Record| matches!(r.excitation, Excitation::Periodic(_)) == periodic;
         (0..records.len()).filter(|&k| kind(&records[k]) && records[k].is_driven()).collect()
     };
-    let differ = |of: &Vec<usize>| {
-        let levels = || of.iter().map(|&k| records[k].level());
-        levels().fold(0.0, f64::max) > same_level * levels().fold(f64::INFINITY, f64::min)
-    };
+    let differ = |of: &Vec<usize>| differ(of.iter().map(|&k| records[k].level()), same_level);
     let [random, periodic] = [false, true].map(driven);
     if differ(&random) || !differ(&periodic) && !random.is_empty() { random } else { periodic }
 }

@@ -7,6 +7,7 @@ mod experiments;
 pub(crate) mod explained;
 pub(crate) mod family;
 pub(crate) mod gap;
+mod growth;
 pub(crate) mod held_out;
 mod imagined;
 pub(crate) mod judgement;

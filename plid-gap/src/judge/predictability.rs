@@ -15,6 +15,7 @@ use crate::effects::{Observation, Place};
 use crate::fit::free_run::outputs;
 use crate::fit::problem::{Fit, Placed, Problem};
 use crate::judge::gap;
+use crate::judge::growth::{differ, exponent};
 use crate::plant::Plant;
 use crate::prepare::port_motion;
 use crate::settings::JudgeSettings;
@@ -107,9 +108,6 @@ impl Unpredicted {
             return None;
         }
         let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.is_driven());
-        let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
-        let predicted: Vec<f64> =
-            predictability(problem, &plant, &simulated)?.into_iter().map(Predictability::at_most).collect();
         let left = |o: usize| rms(driven().flat_map(|(record, simulated)| record.measured_error(o, &simulated[o])));
         let size = |o: usize| rms(driven().flat_map(|(record, _)| &record.y[o]).filter(|y| y.is_finite()));
         let sizes: Vec<f64> = (0..problem.plant.p).map(|o| size(o).max(f64::MIN_POSITIVE)).collect();
@@ -121,6 +119,9 @@ impl Unpredicted {
         if grows_with_level(&by_level, problem.settings.search.level_step, settings.noise_follows) {
             return None;
         }
+        let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+        let predicted: Vec<f64> =
+            predictability(problem, &plant, &simulated)?.into_iter().map(Predictability::at_most).collect();
         let rms: Vec<f64> = (0..problem.plant.p).map(left).collect();
         let squares: Vec<f64> = rms.iter().zip(&sizes).map(|(rms, size)| (rms / size).powi(2)).collect();
         let at_most = of_all(&predicted, &squares);
@@ -143,17 +144,13 @@ impl Unpredicted {
     }
 }
 
-/// Returns whether a residual grows with the level of the inputs from record to record, from both of each record: as a
-/// power of the level with at least this exponent, if the levels differ by this factor. Noise does not know the level.
+/// Returns whether a residual grows with the level of the inputs, from the level and the size of the residual in each
+/// record: the levels differ by more than the factor `step`, and the exponent of the level is larger than `least`.
+/// Noise does not depend on the level.
 fn grows_with_level(records: &[(f64, f64)], step: f64, least: f64) -> bool {
-    let of = |(level, size): &(f64, f64)| [level.ln(), size.max(f64::MIN_POSITIVE).ln()];
-    let logarithms: Vec<[f64; 2]> = records.iter().map(of).collect();
-    let count = logarithms.len().max(1) as f64;
-    let mean = [0, 1].map(|i| logarithms.iter().map(|both| both[i]).sum::<f64>() / count);
-    let moment = |i: usize| logarithms.iter().map(|both| (both[0] - mean[0]) * (both[i] - mean[i])).sum::<f64>();
-    let levels = || logarithms.iter().map(|both| both[0]);
-    let apart = levels().fold(f64::NEG_INFINITY, f64::max) - levels().fold(f64::INFINITY, f64::min);
-    apart > step.ln() && moment(1) > least * moment(0)
+    let levels = records.iter().map(|(level, _)| *level);
+    let sizes = records.iter().map(|(_, size)| size.max(f64::MIN_POSITIVE));
+    differ(levels.clone(), step) && exponent(levels.zip(sizes), 0.0).is_some_and(|exponent| exponent > least)
 }
 
 /// Returns the predictability of the residual of each output in the driven records; `None` if these are

@@ -41,8 +41,8 @@ group! {
         /// Least standard deviation that a sensor adds to its noise, over the declared one, to be called noisy where no
         /// record shows the noise alone: what the vocabulary lacks adds less.
         residual_noisier: f64 = 2.0, "1", 0.0..=1e6;
-        /// Exponent of the level of the inputs, from which a residual that grows with it from record to record is no
-        /// noise: noise has zero, and an error in proportion to the motion has one.
+        /// Exponent with which a residual may grow with the level of the inputs and still count as noise. Noise has
+        /// zero, and an error in proportion to the motion has one.
         noise_follows: f64 = 0.5, "1", 0.0..=10.0;
         /// Correlation of the squared residual with the square of the simulated output from which noise is not that of
         /// a sensor. Noise in proportion to a normally distributed output has 0.5, that of a sensor none.
