@@ -606,13 +606,6 @@ impl Plant {
         (both * C::new(0.0, 2.0 * pole.im) / pole.powi(order)).re
     }
 
-    /// Returns gamma_o beta of a mode for the shape of a force that passes no actuator.
-    fn product_by(&self, mode: &Mode, o: usize, force: C) -> f64 {
-        let pole = mode.pole;
-        let both = mode.c[o] * force / self.chain.behind(o, pole);
-        (both * C::new(0.0, 2.0 * pole.im) / pole.powi(self.sensed[o].order)).re
-    }
-
     /// Returns s^k / (s^2 + 2 zeta w s + w^2), the k-th derivative of a mode's displacement for a unit force.
     pub fn derivative(order: i32, pole: C, s: C) -> C {
         s.powi(order) / ((s - pole) * (s - pole.conj()))

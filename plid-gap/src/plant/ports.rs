@@ -133,7 +133,7 @@ fn of_output(plant: &Plant, modal: &[ModalPorts], o: usize) -> Port {
         mode.sensed[o] * C::from_polar(mode.square.norm(), -phase)
     };
     let force: Vec<C> = modal.iter().map(shape).collect();
-    let product = |k: usize, seen: usize| plant.product_by(&plant.modes[k], seen, force[k]);
+    let product = |k: usize, seen: usize| (modal[k].sensed[seen] * force[k]).re;
     of_shapes(plant, force.clone(), modal.iter().map(|mode| mode.sensed[o] / mode.twice).collect(), &product)
 }
 

@@ -40,8 +40,8 @@ pub(super) struct Tolerance {
 /// A simulation that was written, not identified.
 const EXACT: Tolerance = Tolerance { shift: 0.0, negligible: 0.0 };
 
-/// A model of held inputs that was identified from records. Inputs that change within a sample seem to come half a
-/// sample early.
+/// A simulation that may have been identified from records, with inputs that are held over a sample. Inputs that
+/// change within a sample then seem to come half a sample early.
 pub(super) const IDENTIFIED: Tolerance = Tolerance { shift: 0.75, negligible: 0.02 };
 
 /// Returns the collocated output of each input; `None` if an input has none.
@@ -70,7 +70,7 @@ fn collocated(plant: &Plant, output: usize, input: usize, tolerance: &Tolerance)
     let residues: Vec<(f64, C)> = plant.modes.iter().map(of).collect();
     let least = tolerance.negligible * residues.iter().map(|(_, residue)| residue.norm()).fold(0.0, f64::max);
     let residues = || residues.iter().filter(|(_, residue)| residue.norm() >= least);
-    // By least squares, each phase in proportion to its residue.
+    // The common shift in time, by least squares over the phases, with the residues as weights.
     let product = |by: fn(f64, f64) -> f64| residues().map(|(w, x)| x.norm() * w * by(*w, x.arg())).sum::<f64>();
     let most = tolerance.shift / plant.rate;
     let shift = (product(|_, phase| phase) / product(|w, _| w).max(f64::MIN_POSITIVE)).clamp(-most, most);
