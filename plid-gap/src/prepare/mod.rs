@@ -658,16 +658,14 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     let chosen: Vec<usize> = if shows_noise { quiet } else { (0..records.len()).collect() };
     let stretch = |k: usize| tones::Stretch { start_s: records[k].start_s, residual: &errors[k] };
     let first: Vec<tones::Stretch> = chosen.iter().map(|&k| stretch(k)).collect();
-    setting.tones = tones::tones(&first, plant.rate, settings.prepare.tones, &settings.signal);
+    let mut tones = tones::tones(&first, plant.rate, settings.prepare.tones, &settings.signal);
     let driven = |k: usize, hz: f64| tones::is_driven(&records[k], plant.rate, hz, settings.signal.driven_share);
-    setting.tones.retain(|tone| !chosen.iter().all(|&k| driven(k, tone.hz)));
-    if shows_noise {
-        return setting;
+    tones.retain(|tone| !chosen.iter().all(|&k| driven(k, tone.hz)));
+    if !shows_noise && chosen.len() > 1 {
+        let about = |hz: f64| errors.iter().map(move |error| wandering::powers_about(error, plant.rate, hz));
+        let powers = |hz: f64| about(hz).collect::<Vec<_>>();
+        tones.retain(|tone| wandering::is_steady(&powers(tone.hz), &setting.y_rms, settings.prepare.steady_line));
     }
-    let of = |k: &usize, hz: f64| wandering::powers_about(&errors[*k], plant.rate, hz);
-    let powers = |hz: f64| chosen.iter().map(|k| of(k, hz)).collect::<Vec<_>>();
-    let mut tones = std::mem::take(&mut setting.tones);
-    tones.retain(|tone| wandering::is_steady(&powers(tone.hz), &setting.y_rms, settings.prepare.steady_line));
     setting.tones = tones;
     setting
 }

@@ -63,13 +63,13 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
             let power = |(a, b): (&Vec<f64>, &Vec<f64>)| mean_square_of_difference(a, b);
             one += simulated.iter().zip(steady).map(power).sum::<f64>() * record.samples() as f64;
         }
+        if !is_steady(&powers, &ready.declared_sensor, settings.steady_line) {
+            return None;
+        }
         let samples: Vec<f64> = problem.records.iter().map(|record| record.samples() as f64).collect();
         let all: f64 = samples.iter().sum();
         let mean = |o: usize| powers.iter().zip(&samples).map(|(power, n)| power[o] * n).sum::<f64>() / all;
         let means: Vec<f64> = (0..problem.plant.p).map(mean).collect();
-        if !is_steady(&powers, &ready.declared_sensor, settings.steady_line) {
-            return None;
-        }
         let amplitude = placed.parameters[size].abs() * (means.iter().sum::<f64>() * all / one).sqrt();
         let rms = means.iter().map(|mean| mean.sqrt()).collect();
         let effect = placed.effect.name();
@@ -87,11 +87,14 @@ pub(super) fn powers_about(residual: &[Vec<f64>], rate: f64, hz: f64) -> Vec<f64
     residual.iter().zip(&left).map(|(all, left)| mean_square_of_difference(all, left)).collect()
 }
 
-/// Returns whether a line has about the same amplitude in all records, from its power at each output in each record;
-/// `scales` are the sizes in which the outputs are compared. What an unknown law leaves at a resonance looks like a
-/// line, too, but it follows the level of the inputs.
+/// Returns whether a line has about the same amplitude in all records, from its power at each output in each record.
+/// `scales` are the sizes in which the outputs are compared; an output of size zero is left out. What an unknown law
+/// leaves at a resonance looks like a line, too, but it follows the level of the inputs.
 pub(super) fn is_steady(powers: &[Vec<f64>], scales: &[f64], least: f64) -> bool {
-    let amplitude = |power: &Vec<f64>| power.iter().zip(scales).map(|(p, scale)| p / scale.powi(2)).sum::<f64>().sqrt();
+    let amplitude = |power: &Vec<f64>| {
+        let both = power.iter().zip(scales).filter(|(_, scale)| **scale > 0.0);
+        both.map(|(power, scale)| power / scale.powi(2)).sum::<f64>().sqrt()
+    };
     let amplitudes: Vec<f64> = powers.iter().map(amplitude).collect();
     let largest = amplitudes.iter().copied().fold(0.0, f64::max);
     amplitudes.iter().all(|amplitude| *amplitude >= least * largest)
@@ -130,8 +133,7 @@ mod tests {
     const HZ: f64 = 103.0;
     const SIZE: f64 = 0.05;
 
-    /// Phases of a line that does not keep its own, and sizes of one that does not know of the records and of one that
-    /// does.
+    /// Phases of a line that differ between the records, sizes that do not, and sizes that do.
     const APART: [f64; 4] = [0.0, 1.9, 4.1, 5.5];
     const STEADY: [f64; 4] = [SIZE; 4];
     const UNSTEADY: [f64; 4] = [0.3 * SIZE, 0.3 * SIZE, SIZE, SIZE];
@@ -177,6 +179,14 @@ mod tests {
             let ratio = left / problem.rows() as f64;
             assert!(if wanders { (0.8..1.1).contains(&ratio) } else { ratio > 10.0 }, "{ratio}");
         }
+    }
+
+    /// An output that is always zero says nothing about a line.
+    #[test]
+    fn a_dead_output_does_not_hide_a_line() {
+        let powers = [vec![1.0, 0.0], vec![1.1, 0.0]];
+        assert!(is_steady(&powers, &[1.0, 0.0], 0.5));
+        assert!(!is_steady(&[powers[0].clone(), vec![9.0, 0.0]], &[1.0, 0.0], 0.5));
     }
 
     /// Where no record is quiet, a line is offered to effects only if it has one amplitude.

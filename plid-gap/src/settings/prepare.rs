@@ -43,8 +43,8 @@ group! {
         random_phase_gain: f64 = 100.0, "2 ln L", 0.0..=1e9;
         /// Largest share of that gain that one phase for all records may reach.
         common_phase_share: f64 = 0.9, "1", 0.0..=1.0;
-        /// Least amplitude of a line with a random phase in a record, over that in the record where it is largest: a
-        /// disturbance does not follow the inputs.
+        /// Least amplitude of a line in a record, over that in the record where it is largest. A disturbance does not
+        /// depend on the inputs.
         steady_line: f64 = 0.5, "1", 0.0..=1.0;
     }
 }
