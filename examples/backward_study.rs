@@ -1,5 +1,5 @@
 //! Simulated cases with one known effect each: how often the diagnosis finds it at its location, and how often its
-//! parameters lie in their intervals.
+//! true parameters lie in the stated intervals.
 //!
 //! ```sh
 //! cargo run --release --example backward_study -- [EFFECT...] \
@@ -7,11 +7,11 @@
 //! ```
 //!
 //! There is one case for each effect and seed, with a gap of 5 to 15 %, ports and all six records. The plant is the
-//! truss, or where the effect makes no sense on it, another plant that takes it, by turns. `all` stands for every
-//! effect of the vocabulary. Effects that the limits of the simulation allow (of frequencies, damping ratios, gains)
-//! are drawn beyond these limits, with a larger gap. With `--out`, each finished case is written to a file in FOLDER,
-//! and the same command continues after an interruption. Without arguments, it is a trial of seconds: one effect, one
-//! seed and short records.
+//! truss. If the effect makes no sense on the truss, the plant is one of the others that can have it, in turn. `all`
+//! stands for every effect of the vocabulary. Effects that the limits of the simulation allow (of frequencies,
+//! damping ratios, gains) are drawn beyond these limits, with a larger gap. With `--out`, each finished case is
+//! written to a file in FOLDER, and the same command continues after an interruption. Without arguments, it is a
+//! trial of a few seconds with one effect, one seed and short records.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -56,7 +56,8 @@ struct Arguments {
 /// Smallest and largest gap. Gaps are drawn evenly in their logarithm.
 const GAPS: [f64; 2] = [0.05, 0.15];
 
-/// Factor on the gap while an effect lies within the limits of the simulation's own errors. It is applied repeatedly.
+/// Factor by which the gap is increased, repeatedly, while an effect lies within the limits of the simulation's own
+/// errors.
 const STRONGER: f64 = 1.3;
 
 /// Smallest ratio of the gap to the noise floor for which a shrink is stated. Random effects belong to the floor.
@@ -69,13 +70,14 @@ struct Found {
     seed: u64,
     /// The specification of the case, by which the files of another study are recognised.
     spec: GapSpec,
-    /// The reason why there is no case: no strength of this draw gives the gap. `None` if there is a case.
+    /// The reason why there is no case, which is that no strength of this draw gives the gap. `None` if there is a
+    /// case.
     undrawn: Option<String>,
     /// The effects that were named, with their locations.
     named: Vec<(String, String)>,
     /// Whether the first named effect is the true one at its location.
     located: bool,
-    /// Whether it is the first effect at its location of an explanation in the 95 % set.
+    /// Whether the true effect at its location is the first effect of an explanation in the 95 % set.
     in_set: bool,
     /// The true and the stated value of each parameter, if the effect was found.
     parameters: BTreeMap<String, (f64, Option<Value>)>,
@@ -158,7 +160,7 @@ fn spec(effect: &str, seed: u64, length: f64) -> GapSpec {
     GapSpec { effects, perturbed, ports: true, length, plant, channels, ..GapSpec::default() }
 }
 
-/// Returns the plant of a case: the truss if the effect makes sense on it, otherwise one of those that take it.
+/// Returns the plant of a case: the truss if the effect makes sense on it, otherwise one of those that can have it.
 fn plant(effect: &str, seed: u64) -> PlantKind {
     if PlantKind::Truss.takes(effect) {
         return PlantKind::Truss;

@@ -31,7 +31,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
     let library = Library::standard();
     let mut silent = |_| {};
 
-    // Audit: what can be corrected in the case is corrected.
+    // Audit: errors in the case are corrected where possible.
     let audit = audit(case, &library, &[], &mut silent)?;
     audit.case.warnings.iter().for_each(|warning| println!("audit: {warning}"));
     let model = audit.case.model.as_ref().ok_or_else(|| GapError::Failed("the audit gives a model".into()))?;

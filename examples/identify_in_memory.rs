@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let IdentifiedModel { a, b, c, state, .. } = identifier.identified();
 
-    // The model has not seen the rest of the record, which is simulated from the last estimate of the state.
+    // The rest of the record was not used for identification. It is simulated from the last estimate of the state.
     let model = [&a, &b, &c].map(DMatrix::from);
     let free_run = simulate(&model, &state, &inputs[TRAINING..]);
     for i in 0..2 {

@@ -1,5 +1,5 @@
-//! A researcher's own variant, from outside plid's crates: a backend, a covariance form and a conditional expectation,
-//! each used through [`Identifier`] and compared with a built-in one.
+//! User-defined variants outside plid's crates: a backend, a covariance form and a conditional expectation. Each is
+//! used through [`Identifier`] and compared with a built-in one.
 //!
 //!     cargo run --example own_variant
 
@@ -39,8 +39,8 @@ impl Backend for Unfused {
 // ANCHOR_END: backend
 
 // ANCHOR: expectation
-/// E[.] as if the sensor noise in z_k were independent of the state noise that it becomes when z_k stands in for C x_k:
-/// the covariance E[G] S of Eq. 8 is left out. For independent w, v and xi.
+/// An expectation E[.] for independent w, v and xi. When z_k takes the place of C x_k, its sensor noise also acts as
+/// state noise. This expectation treats the two as independent, so it omits the covariance E[G] S of Eq. 8.
 #[derive(Clone, Debug)]
 struct Uncorrelated<S> {
     inflation: S,
@@ -118,13 +118,14 @@ impl<S: Kernels> ConditionalExpectations for Uncorrelated<S> {
 
 // ANCHOR: expectation_facts
 impl<S: Kernels> Expectation for Uncorrelated<S> {
-    // Nothing is known of its operations.
+    // Its operations are not stated.
     const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = |_, _| Vec::new();
 }
 // ANCHOR_END: expectation_facts
 
 // ANCHOR: covariance
-/// The textbook form with P and F as whole matrices, O(N^3) per step. It is slow, but short enough to check by reading.
+/// The textbook form with P and F as full matrices, O(N^3) per step. It is slow, but short enough to check by
+/// reading.
 #[derive(Clone, Debug)]
 struct Textbook {
     n: usize,
@@ -273,7 +274,7 @@ impl Checkpointed for Textbook {
 }
 
 impl Form for Textbook {
-    // Nothing is known of its operations.
+    // Its operations are not stated.
     const FACTS: FormFacts = FormFacts {
         factored: false,
         updates: |_| Vec::new(),
@@ -327,7 +328,7 @@ fn record(indices: &[usize], parameters: &[f64], [sensor, state]: [f64; 2], samp
 }
 
 // ANCHOR: identify
-/// Runs any variant over the record. Another variant only requires another type.
+/// Runs any variant over the record. Another variant requires only another type.
 fn identify<C, E>(record: &Record) -> Result<Identifier<C, E>, plid::IdentifierError>
 where
     C: CovariancePropagation,

@@ -16,14 +16,15 @@ const DAMPING: f64 = 0.03;
 /// RMS of the sensor noise. The response of the plant is about eighteen times as large.
 const NOISE: f64 = 0.1;
 
-/// One mode of unit mass, driven by an acceleration held over the sample and seen by its displacement.
+/// One mode of unit mass, driven by an acceleration that is held over the sample. Its displacement is measured.
 struct Plant {
     displacement: f64,
     velocity: f64,
 }
 
 impl Plant {
-    /// The exact motion over a sample under the constant acceleration `u`, in units of the static displacement.
+    /// Computes the exact motion over a sample under the constant acceleration `u`, in units of the static
+    /// displacement.
     fn step(&mut self, frequency_hz: f64, u: f64) {
         let w = std::f64::consts::TAU * frequency_hz;
         let (decay, damped) = (DAMPING * w, w * (1.0 - DAMPING * DAMPING).sqrt());

@@ -1,6 +1,6 @@
 //! Pseudo-linear identification (PLID): recursive joint estimation of the states and parameters of a linear plant.
 //!
-//! [`identify`] goes from two arrays to a model. [`Identification`] has its options, the variants among them:
+//! [`identify`] estimates a model from two arrays. [`Identification`] has its options, including the variants:
 //!
 //! ```
 //! use plid::catalogue::{BackendName, CovarianceName};
@@ -41,17 +41,17 @@
 //! # }
 //! ```
 //!
-//! The recursion itself is [`Identifier`], the one loop, which takes a sample at a time. It is generic over a
-//! [`CovariancePropagation`], [`ConditionalExpectations`] and an [`ImplicitModel`]; the types to put in their places
-//! are in [`covariance`], [`expectations`] and [`backends`], and by name in [`catalogue`]. [`ToModel`] turns its
-//! estimate into a [`model::Model`].
+//! The recursion itself is [`Identifier`], which takes one sample at a time. It is generic over a
+//! [`CovariancePropagation`], [`ConditionalExpectations`] and an [`ImplicitModel`]; the types that implement them are
+//! in [`covariance`], [`expectations`] and [`backends`], and [`catalogue`] selects them by name. [`ToModel`] converts
+//! its estimate into a [`model::Model`].
 //!
 //! # Features
 //!
 //! | feature | adds |
 //! |---|---|
-//! | `nalgebra`, `faer` | backends on these libraries of matrices |
-//! | `threads` | a backend on two threads; the search for noise covariances on all |
+//! | `nalgebra`, `faer` | backends on these matrix libraries |
+//! | `threads` | a backend on two threads; the search for noise covariances on all threads |
 //! | `signal` | spectra, correlations and error measures of records |
 //! | `refine` | models refined for simulation |
 //! | `data`, `plots` | data files and their preparation; plots and reports |
@@ -63,7 +63,7 @@
 //! # Profile
 //!
 //! A release build needs no settings. In a debug build the arithmetic is slow unless these lines in your `Cargo.toml`
-//! optimise it. The last two leave out the debug information of the dependencies, which takes long to compile.
+//! optimise it. The last two omit the debug information of the dependencies, which takes a long time to compile.
 //!
 //! ```toml
 //! [profile.dev]
@@ -108,7 +108,7 @@ pub use plid_simulator as simulator;
 pub use plid_testbed as testbed;
 #[doc(inline)]
 pub use plid_variants::{covariance, expectations};
-// What appears in public signatures.
+// These crates appear in public signatures.
 pub use {nalgebra, ndarray};
 
 /// Double-double, a [`Scalar`] of about 31 digits.

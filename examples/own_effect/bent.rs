@@ -29,18 +29,18 @@ impl Effect for BentSensor {
         setting.outputs()
     }
 
-    /// Returns a first size, at which the deviation is one per cent of the signal.
+    /// Returns an initial size, at which the deviation is one per cent of the signal.
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let Place::Output(o) = *place else { return Vec::new() };
         vec![vec![0.01 / setting.y_rms[o]]]
     }
 
-    /// The output is linear in c: the screen finds its size.
+    /// The output is linear in c, so the screen can estimate its size.
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
     }
 
-    /// Returns a free static characteristic of an output, for the case that the square does not fit.
+    /// Returns a free static characteristic of an output, for the case in which the quadratic law does not fit.
     fn free_shape(&self) -> Option<&'static Flexible> {
         Some(&Flexible::Sensor)
     }

@@ -1,4 +1,4 @@
-//! An effect of one's own. One type and one line make it known to the whole diagnosis.
+//! A user-defined effect. One type and one line make it available to the whole diagnosis.
 //!
 //! The sensor has a quadratic characteristic, y' = y + c y^2. The records are simulated here and diagnosed without and
 //! with the effect in the vocabulary.

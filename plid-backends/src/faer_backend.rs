@@ -1,4 +1,5 @@
-//! faer's products on plain column-major storage: a faer matrix gives its columns as slices, but not itself as one.
+//! faer's products on plain column-major storage. A faer matrix provides each column as a slice, but not the whole
+//! matrix as one.
 
 use std::marker::PhantomData;
 
@@ -12,7 +13,7 @@ use plid_core::{Backend, Dense, View, ViewMut};
 #[derive(Clone, Copy, Debug)]
 pub struct Faer<S>(PhantomData<S>);
 
-/// Below this many terms a product is faster as a few additions of columns than as faer's blocked product.
+/// With fewer terms than this, a product is faster as a few additions of columns than as faer's blocked product.
 const FEW_TERMS: usize = 12;
 
 impl<S: Kernels + RealField> Backend for Faer<S> {

@@ -16,8 +16,9 @@ pub use plain::Plain;
 #[cfg(feature = "threads")]
 pub use two_threads::{TwoThreads, on_threads};
 
-/// The one list of backends: hands each one's documentation, name, type and scalars to the macro `$then`, after any
-/// further arguments. A `feature` list contains the features that the caller's crate must have switched on.
+/// The only list of backends. It passes the documentation, name, type and scalars of each backend to the macro
+/// `$then`, after any further arguments. A `feature` list contains the features that the caller's crate must have
+/// enabled.
 #[macro_export]
 macro_rules! every_backend {
     ($then:ident $(, $argument:tt)*) => {
@@ -25,7 +26,7 @@ macro_rules! every_backend {
             $($argument)*
             /// Plain loops.
             "plain" = Plain: [f32, f64, qd::Quad], feature [];
-            /// Plain loops on two threads, to the same bits.
+            /// Plain loops on two threads, with bit-identical results.
             "two-threads" = TwoThreads: [f32, f64, qd::Quad], feature [feature = "threads"];
             /// nalgebra
             "nalgebra" = Nalgebra: [f32, f64], feature [feature = "nalgebra"];

@@ -8,8 +8,8 @@ use plid_core::{Backend, Matrix, Scalar, View, ViewMut};
 
 /// nalgebra, for `f32` and `f64`.
 ///
-/// Its general matrix product allocates packing buffers on every call, which a step must not; what is used here is
-/// its matrix-vector product, a column of the result at a time.
+/// Its general matrix product allocates packing buffers on every call, which a step must not do. Its matrix-vector
+/// product is used instead, for one column of the result at a time.
 #[derive(Clone, Copy, Debug)]
 pub struct Nalgebra<S>(PhantomData<S>);
 

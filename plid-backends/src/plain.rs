@@ -1,4 +1,4 @@
-//! The reference: the default kernels over a `Vec`, for any scalar.
+//! The reference backend: the default kernels over a `Vec`, for any scalar.
 
 use std::marker::PhantomData;
 

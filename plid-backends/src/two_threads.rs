@@ -5,10 +5,10 @@ use std::marker::PhantomData;
 use plid_core::kernels::Kernels;
 use plid_core::{Backend, Dense};
 
-/// The default kernels over a `Vec`, in halves on two threads of rayon's pool, to the same bits as
-/// [`Plain`](crate::Plain).
+/// The default kernels over a `Vec`, divided between two threads of rayon's pool. The results are bit-identical to
+/// those of [`Plain`](crate::Plain).
 ///
-/// Halves are handed over within a microsecond or two only if the step itself runs on a thread of the pool: see
+/// A half is handed over within a microsecond or two only if the step itself runs on a thread of the pool; see
 /// [`on_threads`].
 #[derive(Clone, Copy, Debug)]
 pub struct TwoThreads<S>(PhantomData<S>);
@@ -22,11 +22,11 @@ impl<S: Kernels> Backend for TwoThreads<S> {
     }
 }
 
-/// Runs `work`, a loop of steps for example, on a separate pool of `threads` threads; `started` is called on each
-/// of them first, with its number from 0 (to pin it to a core, say).
+/// Runs `work`, a loop of steps for example, on a separate pool of `threads` threads. `started` is called first on
+/// each of them with its number from 0, for example to pin it to a core.
 ///
 /// # Errors
-/// The system gives no more threads.
+/// Returns an error if the system cannot provide the threads.
 pub fn on_threads<R: Send>(
     threads: usize,
     started: impl Fn(usize) + Send + Sync + 'static,

@@ -1,5 +1,4 @@
-//! Studies of plid on the user's machine: its speed, its numerical stability and its conditional expectations; and the
-//! benches.
+//! Studies of plid's speed, numerical stability and conditional expectations on the user's machine, and the benches.
 
 pub mod expectations;
 pub mod speed;

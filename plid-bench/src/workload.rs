@@ -10,25 +10,25 @@ use plid_core::{Dense, NoiseModel, ObservableForm, Settings};
 use plid_testbed::{INPUTS, InputConfig, OUTPUTS, TestbedError, TrussConfig, WhiteNoise, simulate};
 use serde::{Deserialize, Serialize};
 
-/// Variances of sensor and actuator noise, V^2, and of state noise, in the output's unit squared.
+/// Variances of sensor and actuator noise in V^2, and of state noise in the unit of the output squared.
 const VARIANCES: [f64; 3] = [1e-2, 1e-3, 1e-4];
-/// Correlation between any two noises where all covariances are full. The sum over a row stays below 1: positive
-/// definite.
+/// Correlation between any two noises if all covariances are full. The sum over a row is below 1, so the matrix is
+/// positive definite.
 const CORRELATION: f64 = 0.01;
 
 /// The shape of the noise covariances.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Noise {
-    /// R, Q and Sigma diagonal, no covariances between them.
+    /// R, Q and Sigma are diagonal, without covariances between them.
     #[default]
     Diagonal,
-    /// None of the six has a zero.
+    /// All six covariances are full, without a zero.
     Full,
 }
 
 impl Noise {
-    /// The noise model of p outputs, m inputs and n states.
+    /// Returns the noise model of p outputs, m inputs and n states.
     pub fn model(self, p: usize, m: usize, n: usize) -> NoiseModel {
         let [sensor, actuator, state] = VARIANCES;
         let diagonal = NoiseModel::diagonal(&vec![sensor; p], &vec![actuator; m], &vec![state; n]);
@@ -56,17 +56,17 @@ impl Noise {
 #[derive(Clone, Debug)]
 pub struct Record {
     inputs: usize,
-    /// Sample by sample: m inputs, V.
+    /// The m inputs in V, sample by sample.
     u: Vec<f64>,
-    /// Sample by sample: p outputs, V.
+    /// The p outputs in V, sample by sample.
     z: Vec<f64>,
 }
 
 impl Record {
-    /// `duration_s` seconds of the default truss, driven by its first `inputs` inputs.
+    /// Simulates `duration_s` seconds of the default truss, driven by its first `inputs` inputs.
     ///
     /// # Errors
-    /// If it cannot be simulated.
+    /// Returns an error if the truss cannot be simulated.
     ///
     /// # Panics
     /// Panics if the truss has fewer inputs.
@@ -83,7 +83,7 @@ impl Record {
         })
     }
 
-    /// K.
+    /// Returns the number of samples K.
     pub fn samples(&self) -> usize {
         self.z.len() / OUTPUTS
     }
@@ -99,10 +99,10 @@ pub struct Workload<'a> {
 }
 
 impl<'a> Workload<'a> {
-    /// `record`, to be identified with `states` states.
+    /// Prepares the identification of `record` with `states` states.
     ///
     /// # Errors
-    /// Fewer states than outputs.
+    /// Returns an error if there are fewer states than outputs.
     pub fn new(record: &'a Record, states: usize, noise: Noise) -> Result<Self, plid_core::StructureError> {
         let form = ObservableForm::balanced(states, OUTPUTS, record.inputs)?;
         let noise = noise.model(OUTPUTS, record.inputs, states);
@@ -110,20 +110,21 @@ impl<'a> Workload<'a> {
         Ok(Self { record, form, noise, settings })
     }
 
-    /// The recursion of `variant`, before its first sample.
+    /// Returns the recursion of `variant` before its first sample.
     ///
     /// # Errors
-    /// [`VariantError`]
+    /// Returns a [`VariantError`].
     pub fn recursion(&self, variant: Variant) -> Result<Loop<'a>, VariantError> {
         Ok(self.with(variant.build(self.form.clone(), &self.noise, &self.settings)?))
     }
 
-    /// A recursion of other types, before its first sample; `build` gets the form, the noise and the start.
+    /// Returns a recursion of other types before its first sample. `build` receives the form, the noise and the
+    /// start.
     pub fn build<R>(&self, build: impl FnOnce(ObservableForm, &NoiseModel, &Settings) -> R) -> R {
         build(self.form.clone(), &self.noise, &self.settings)
     }
 
-    /// The loop of a recursion over the record.
+    /// Returns the loop of a recursion over the record.
     pub fn with(&self, recursion: Box<dyn Recursion>) -> Loop<'a> {
         Loop { record: self.record, recursion, next: 0 }
     }
@@ -140,7 +141,7 @@ impl Loop<'_> {
     /// Takes the next sample.
     ///
     /// # Errors
-    /// As [`plid_core::Identifier::step`].
+    /// Returns the errors of [`plid_core::Identifier::step`].
     pub fn step(&mut self) -> Result<(), plid_core::IdentifierError> {
         let (k, m) = (self.next, self.record.inputs);
         self.next = (k + 1) % self.record.samples();
@@ -148,7 +149,7 @@ impl Loop<'_> {
         self.recursion.step(z, &self.record.u[k * m..][..m], false)
     }
 
-    /// The recursion.
+    /// Returns the recursion.
     pub fn recursion(&self) -> &dyn Recursion {
         self.recursion.as_ref()
     }
@@ -168,7 +169,8 @@ mod tests {
         for _ in 0..81 {
             steps.step().unwrap();
         }
-        // Sample 0 has come twice: the first innovation is the output itself, the second that less a prediction.
+        // Sample 0 has been processed twice. The first innovation is the output itself, and the second is the output
+        // minus a prediction.
         let innovation = steps.recursion().innovation()[0];
         assert!(innovation.is_finite() && innovation != record.z[0]);
         assert!(steps.recursion().health().smallest_pivot > 0.0);

@@ -1,4 +1,4 @@
-//! Numbers that count the operations done to them: the operations of a step are counted while the real recursion runs.
+//! Numbers that count the operations on them, so that the operations of a step are counted in the real recursion.
 
 use std::cell::Cell as Shared;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Rem, RemAssign, Sub, SubAssign};
@@ -34,7 +34,7 @@ thread_local! {
     };
 }
 
-/// The operations that `work` does on [`Counted`] numbers in this thread.
+/// Returns the result of `work`, and the operations that it does on [`Counted`] numbers in this thread.
 pub fn operations<T>(work: impl FnOnce() -> T) -> (T, Operations) {
     COUNTED.set(Operations::default());
     let result = work();
@@ -49,7 +49,7 @@ macro_rules! counts {
     ($operation:ident, $method:ident, $assign:ident, $assign_method:ident, $count:ident) => {
         impl $operation for Counted {
             type Output = Self;
-            // The sum is the count.
+            // The `+` counts the operation.
             #[allow(clippy::suspicious_arithmetic_impl)]
             fn $method(self, other: Self) -> Self {
                 COUNTED.set(Operations { $count: COUNTED.get().$count + 1, ..COUNTED.get() });

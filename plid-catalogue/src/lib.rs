@@ -1,6 +1,6 @@
-//! All forms, expectations, backends and scalars by name, and which form to take.
+//! All forms, expectations, backends and scalars by name, and the recommended form.
 //!
-//! A separate crate, tested from outside, so that the variants are compiled once.
+//! This is a separate crate that is tested from outside, so that the variants are compiled only once.
 pub mod count;
 mod names;
 mod recommendation;

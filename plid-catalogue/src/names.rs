@@ -14,7 +14,7 @@ macro_rules! name {
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub struct $name(&'static str);
 
-        // A constant is spelled as the type that it names.
+        // A constant is spelled like the type that it names.
         #[allow(non_upper_case_globals)]
         impl $name {
             $($(#[$entry])* pub const $constant: Self = Self($word);)*

@@ -1,4 +1,4 @@
-//! Which covariance form to use: the result of the stability study, as a rule.
+//! A rule for the choice of the covariance form, which follows from the stability study.
 //!
 //! `plid bench stability` compares the rule with its own cells; docs/stability.md has the figures.
 
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant, VariantError};
 
-/// The conditions on which the choice depends.
+/// The conditions on which the choice of the form depends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditions {
     /// n
@@ -16,7 +16,7 @@ pub struct Conditions {
     pub scalar: ScalarName,
     /// The number of samples.
     pub steps: usize,
-    /// The largest variance of P0 over the smallest of R.
+    /// The ratio of the largest variance of P0 to the smallest variance of R.
     pub start_ratio: f64,
     /// Whether P is divided by a forgetting factor, so that it may grow without bound while the input is zero.
     pub forgets: bool,
@@ -26,7 +26,8 @@ pub struct Conditions {
 pub const STATES: usize = 64;
 /// The longest runs of the direct form in f64 that the study covers.
 pub const STEPS: usize = 100_000;
-/// The largest P0 / R at which the direct form in f64 is recommended: found sound up to 1e12, lost at 1e16.
+/// The largest P0 / R at which the direct form in f64 is recommended. The study found it sound up to 1e12, and lost
+/// at 1e16.
 pub const START_RATIO: f64 = 1e8;
 
 impl Conditions {
@@ -42,12 +43,13 @@ impl Conditions {
         Self { states: noise.state.rows(), scalar, steps, start_ratio: largest / smallest, forgets }
     }
 
-    /// The fastest form that the study found sound with a margin under such conditions; where it did not look or found
-    /// none (12 states in f32 over 10^5 steps), Bierman UD.
+    /// Returns the fastest form that the study found sound with a margin under such conditions. If the study did not
+    /// cover the conditions or found no such form (12 states in f32 over 10^5 steps), it is Bierman UD.
     ///
     /// In f64 that is the direct form, within the bounds of [`STATES`], [`STEPS`] and [`START_RATIO`] and without
-    /// forgetting. In f32 it is Bierman UD for every size and length: as a matrix P is lost within hundreds to
-    /// thousands of steps even with 12 states. Double-double has enough digits for the direct form.
+    /// forgetting. In f32 it is Bierman UD for every size and length, because a P that is stored as a matrix is lost
+    /// within hundreds to thousands of steps even with 12 states. Double-double has enough digits for the direct
+    /// form.
     pub fn recommended(&self) -> CovarianceName {
         match self.scalar {
             ScalarName::F32 => CovarianceName::BiermanUd,
@@ -64,7 +66,7 @@ impl Conditions {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct VariantChoice {
-    /// How P is carried; left out, as [`Conditions::recommended`].
+    /// The covariance form. If it is omitted, the form is that of [`Conditions::recommended`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub covariance: Option<CovarianceName>,
     /// The conditional expectation.
@@ -76,10 +78,10 @@ pub struct VariantChoice {
 }
 
 impl VariantChoice {
-    /// As [`Variant::check`], for whatever form is recommended if none was named.
+    /// Checks the variant like [`Variant::check`], with a recommended form if none was named.
     ///
     /// # Errors
-    /// As [`Variant::check`].
+    /// Returns the errors of [`Variant::check`].
     pub fn check(self, forgetting: f64, parameter_noise: f64) -> Result<(), VariantError> {
         let (states, steps, start_ratio) = (1, 1, 1.0);
         let forgets = forgetting < 1.0;
@@ -87,7 +89,7 @@ impl VariantChoice {
         self.settle(&conditions).check(forgetting, parameter_noise)
     }
 
-    /// The recursion, with a form chosen if none was named.
+    /// Returns the recursion with the recommended form if none was named.
     pub fn settle(self, conditions: &Conditions) -> Variant {
         Variant {
             covariance: self.covariance.unwrap_or_else(|| conditions.recommended()),

@@ -1,7 +1,8 @@
 //! The catalogue of this process: the built-in variants, and those that the program has added at its start.
 //!
-//! Types are erased here, at the seams between the loop, the form and the expectation. A form is then compiled
-//! once for each backend and scalar, an expectation and the loop once for each scalar, and no combination of them.
+//! Types are erased here, at the interfaces between the loop, the form and the expectation. A form is therefore
+//! compiled once for each backend and scalar, and an expectation and the loop once for each scalar. No combination of
+//! them is compiled.
 
 use std::sync::{LazyLock, PoisonError, RwLock, RwLockReadGuard};
 
@@ -73,13 +74,14 @@ macro_rules! number {
 
 number! { f32 = F32; f64 = F64; qd::Quad = DoubleDouble; Counted = Counted; }
 
-/// A form over any backend; [`forms!`](crate::forms) makes it of a type's name.
+/// A form over any backend. [`forms!`](crate::forms) creates it from the name of a type.
 pub trait FormFamily {
     /// The form on a backend.
     type On<B: Backend>: Form<Scalar = B::Scalar>;
 }
 
-/// A conditional expectation over any scalar; [`expectations!`](crate::expectations) makes it of a type's name.
+/// A conditional expectation over any scalar. [`expectations!`](crate::expectations) creates it from the name of a
+/// type.
 pub trait ExpectationFamily {
     /// The expectation in a scalar.
     type In<S: Kernels>: Expectation<Scalar = S>;
@@ -109,7 +111,7 @@ macro_rules! on_every_backend {
 }
 
 impl FormEntry {
-    /// A form on every backend that is built in.
+    /// Creates the entry of a form on every built-in backend.
     pub fn of<F: FormFamily>(name: &'static str) -> Self {
         let mut cells = Vec::new();
         #[cfg(feature = "count")]
@@ -118,7 +120,7 @@ impl FormEntry {
         Self { name, facts: F::On::<Plain<f64>>::FACTS, cells }
     }
 
-    /// A form of one scalar with its own storage, listed under the backend "plain".
+    /// Creates the entry of a form of one scalar with its own storage, which is listed under the backend "plain".
     pub fn only<C: Form<Scalar: Number>>(name: &'static str) -> Self {
         Self { name, facts: C::FACTS, cells: vec![("plain", start::<C>())] }
     }
@@ -136,7 +138,7 @@ fn expectation<E: Expectation<Scalar: Number>>() -> AnyExpectation {
 }
 
 impl ExpectationEntry {
-    /// An expectation in every scalar.
+    /// Creates the entry of an expectation in every scalar.
     pub fn of<F: ExpectationFamily>(name: &'static str) -> Self {
         let cells = vec![
             expectation::<F::In<f32>>(),
@@ -148,7 +150,7 @@ impl ExpectationEntry {
         Self { name, flops: F::In::<f64>::FLOPS, cells }
     }
 
-    /// An expectation of one scalar.
+    /// Creates the entry of an expectation of one scalar.
     pub fn only<E: Expectation<Scalar: Number>>(name: &'static str) -> Self {
         Self { name, flops: E::FLOPS, cells: vec![expectation::<E>()] }
     }
@@ -167,7 +169,7 @@ macro_rules! on_one_backend {
 }
 
 impl BackendEntry {
-    /// A backend, with every form that is built in.
+    /// Creates the entry of a backend with every built-in form.
     pub fn of<B: Backend<Scalar: Number>>(name: &'static str) -> Self {
         Self { name, cells: plid_variants::every_form!(on_one_backend, B) }
     }
@@ -180,7 +182,7 @@ impl BackendEntry {
     }
 }
 
-/// A user-defined form on a user-defined backend, under the names of both. Add both first.
+/// A user-defined form on a user-defined backend, under the names of both. Both must be added first.
 pub struct PairEntry {
     form: &'static str,
     backend: &'static str,
@@ -188,7 +190,8 @@ pub struct PairEntry {
 }
 
 impl PairEntry {
-    /// The pair of a named form and a named backend: `PairEntry::of::<Form<Backend>>("form", "backend").add()`.
+    /// Creates the entry of a pair of a named form and a named backend: `PairEntry::of::<Form<Backend>>("form",
+    /// "backend").add()`.
     pub fn of<C: Form<Scalar: Number>>(form: &'static str, backend: &'static str) -> Self {
         Self { form, backend, start: start::<C>() }
     }
@@ -226,7 +229,7 @@ pub trait Entry {
     /// Adds the entry. From then on configs may name it, and studies list it.
     ///
     /// # Panics
-    /// If the name is taken, or if a part of a pair has no entry yet.
+    /// Panics if the name is taken, or if a part of a pair has no entry yet.
     fn add(self);
 }
 

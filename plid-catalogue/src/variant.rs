@@ -16,24 +16,25 @@ pub trait Recursion: Send {
     /// Takes one sample; a NaN output is missing if `nan_is_missing`.
     ///
     /// # Errors
-    /// As [`Identifier::step`].
+    /// Returns the errors of [`Identifier::step`].
     fn step(&mut self, z: &[f64], u: &[f64], nan_is_missing: bool) -> Result<(), IdentifierError>;
-    /// The innovation of the last step.
+    /// Returns the innovation of the last step.
     fn innovation(&self) -> &[f64];
-    /// The model as estimated so far.
+    /// Returns the model estimated so far.
     fn identified(&self) -> IdentifiedModel;
-    /// The estimate of s, N entries, each as an unevaluated sum of two numbers: exactly, in every scalar.
+    /// Returns the estimate of s (N entries), each entry as an unevaluated sum of two numbers, which is exact in
+    /// every scalar.
     fn estimate(&self) -> Vec<[f64; 2]>;
-    /// P in double-double, formed from the numbers that are stored, without rounding to the recursion's scalar.
+    /// Returns P in double-double, computed from the stored numbers without rounding to the scalar of the recursion.
     fn exact_covariance(&self) -> Dense<qd::Quad>;
-    /// The numerical condition of P.
+    /// Returns the numerical condition of P.
     fn health(&self) -> Health;
-    /// Everything that is needed to continue.
+    /// Returns everything that is needed to continue the recursion.
     fn checkpoint(&self) -> Checkpoint;
     /// Continues from a checkpoint.
     ///
     /// # Errors
-    /// A checkpoint of another size.
+    /// Returns an error for a checkpoint of another size.
     fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), IdentifierError>;
 }
 
@@ -71,7 +72,7 @@ impl<S: Number> Recursion for Run<S> {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Variant {
-    /// How P is carried.
+    /// The covariance form.
     pub covariance: CovarianceName,
     /// The conditional expectation.
     pub expectations: ExpectationName,
@@ -87,7 +88,7 @@ pub enum VariantError {
     /// Only plain loops run in double-double.
     #[error("scalar = \"double-double\" needs backend = \"plain\"; {0} has no such numbers")]
     NoDoubleDouble(&'static str),
-    /// A combination that does not exist, with a form, expectation or backend that the program has added.
+    /// The combination does not exist. It contains a form, expectation or backend that the program has added.
     #[error("there is no {covariance} with {expectations} on {backend} in {scalar}")]
     Absent {
         /// The form.
@@ -120,8 +121,8 @@ impl Variant {
         }
     }
 
-    /// Checks that the combination exists and offers forgetting and parameter noise, if they are used, by one step of a
-    /// plant with one state. A config is thus refused where it is read.
+    /// Checks by one step of a plant with one state that the combination exists, and that it supports forgetting and
+    /// parameter noise if they are used. An invalid config is thus refused when it is read.
     ///
     /// # Errors
     /// [`VariantError::Absent`], [`VariantError::NoDoubleDouble`], or [`IdentifierError::Unsupported`].
@@ -130,7 +131,7 @@ impl Variant {
         let settings = Settings { forgetting, parameter_noise, ..Settings::new(&form, 1.0, 1.0) };
         let step = |mut recursion: Box<dyn Recursion>| Ok(recursion.step(&[0.0], &[0.0], false)?);
         match self.build(form, &NoiseModel::diagonal(&[1.0], &[1.0], &[1.0]), &settings).and_then(step) {
-            // Any other error is of this plant.
+            // Any other error is specific to this plant.
             Err(VariantError::Identifier(error)) if !matches!(error, IdentifierError::Unsupported(_)) => Ok(()),
             result => result,
         }
@@ -173,7 +174,8 @@ impl Variant {
         Ok(Box::new(Run::<S>::begin(form, noise, settings, start_form, expectation)?))
     }
 
-    /// The leading operations of a step, part by part; empty where the form or the expectation does not know them.
+    /// Returns the leading operations of a step, part by part. The list is empty if the form or the expectation does
+    /// not state them.
     pub fn flops(self, size: &StepSize) -> Vec<Term> {
         let facts = self.covariance.facts();
         let mut terms = (facts.updates)(size);
@@ -185,15 +187,15 @@ impl Variant {
 }
 
 impl CovarianceName {
-    /// Facts about the form.
+    /// Returns the facts about the form.
     pub fn facts(self) -> FormFacts {
         let registry = registry();
         let entry = registry.forms.iter().find(|entry| entry.name == self.as_str());
-        // A name is a constant of the built-in list, or has been read, which only succeeds for a form that is there.
+        // A name is a constant of the built-in list, or it has been read, which succeeds only for an existing form.
         entry.expect("every name has an entry").facts
     }
 
-    /// Whether the form carries a factor of P.
+    /// Whether the form stores a factor of P.
     pub fn is_factored(self) -> bool {
         self.facts().factored
     }

@@ -24,37 +24,38 @@ pub struct Output {
 }
 
 impl Output {
-    /// The directory for work of this name, which is free or may be written to.
+    /// Returns the directory for work of this name. It is new or empty, or an option allows writing to it.
     ///
     /// # Errors
-    /// An input failure if the directory holds something and neither option allows that.
+    /// Returns an input failure if the directory is not empty and neither option allows this.
     pub fn directory(&self, name: &str) -> Result<PathBuf, Failure> {
         self.directory_of(name, &Part::default(), "")
     }
 
-    /// The directory for a part of the work. All parts share one directory; the folder `parts` marks it.
+    /// Returns the directory for a part of the work. All parts share one directory; the folder `parts` marks it.
     ///
     /// # Errors
-    /// Those of [`Output::directory`].
+    /// Returns the errors of [`Output::directory`].
     pub fn directory_of(&self, name: &str, part: &Part, parts: &str) -> Result<PathBuf, Failure> {
         let out = self.out.clone().unwrap_or_else(|| default_for(name));
         check(&out, self.force || self.resume || (part.is_one_of_several() && out.join(parts).is_dir()))?;
         Ok(out)
     }
 
-    /// Whether finished work is kept: where that is asked for, by a shard, which a queue may start again, and by a
-    /// merge.
+    /// Whether finished work is kept. It is kept at the user's request, in a merge, and in a shard, because a queue
+    /// may restart a shard.
     pub fn keeps(&self, part: &Part) -> bool {
         self.resume || part.merge || (part.shard.is_some() && !self.force)
     }
 }
 
-/// `out/NAME`, which stays in `out` whatever the name is.
+/// Returns `out/NAME`. The result lies in `out` whatever the name is.
 pub fn default_for(name: &str) -> PathBuf {
     Path::new("out").join(file_name(if name.is_empty() { "experiment" } else { name }))
 }
 
-/// An output directory must be new or empty, unless the user allows an old one; it must be a directory in any case.
+/// Checks that an output directory is new or empty, unless the user allows an existing one. It must be a directory in
+/// any case.
 pub fn check(directory: &Path, old_is_allowed: bool) -> Result<(), Failure> {
     if is_free(directory)? || old_is_allowed {
         return Ok(());
@@ -74,14 +75,15 @@ pub fn is_free(directory: &Path) -> Result<bool, Failure> {
     }
 }
 
-/// Does work that writes into `directory`. The directory is made first, so that a place that cannot be written to is
-/// found before the work and not after it. If the work fails before writing anything, a new directory is removed.
+/// Carries out work that writes into `directory`. The directory is created first, so that a location that cannot be
+/// written to is found before the work and not after it. If the work fails before writing anything, a new directory
+/// is removed.
 pub fn with<T>(directory: &Path, work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
     let is_new = !directory.exists();
     fs::create_dir_all(directory).map_err(|error| Failure::file(directory, &error))?;
     let result = work();
     if result.is_err() && is_new {
-        // This removes an empty directory only: a checkpoint stays.
+        // This removes only an empty directory, so a checkpoint remains.
         let _ = fs::remove_dir(directory);
     }
     result

@@ -16,7 +16,7 @@ use plid::model::ModelError;
 use plid::refine::RefineError;
 use plid_bench::study::StudyError;
 
-/// A failure with the exit status that it has.
+/// A failure with its exit status.
 pub enum Failure {
     /// The arguments or a file are wrong: 2.
     Input(Report),
@@ -72,7 +72,8 @@ impl Failure {
 fn marked(report: &Report, renderer: Renderer) -> String {
     let mut group = Group::with_title(Level::ERROR.primary_title(report.to_string()));
     let labels = || report.labels().into_iter().flatten();
-    // Only the lines with a mark and their neighbours are shown, so the whole file may be read.
+    // Only the lines with a mark and their neighbours are shown, so the source may be the whole file up to the last
+    // mark.
     let whole = labels().map(|label| label.offset() + label.len()).max().unwrap_or(0);
     let source = report.source_code().and_then(|code| code.read_span(&(0, whole).into(), 0, 1).ok());
     if let Some(source) = &source {
@@ -150,7 +151,7 @@ impl From<StudyError> for Failure {
     fn from(error: StudyError) -> Self {
         match error {
             StudyError::File { path, source } => Self::file(&path, &source),
-            // Not wrapped, so that the place in the file is shown.
+            // The error is not wrapped, so that the place in the file is shown.
             StudyError::Config(error) => Self::Input(error.into()),
             StudyError::Content { .. } | StudyError::Shards(_) => Self::input(error),
             StudyError::NotFinite { .. } | StudyError::Cell { .. } | StudyError::Interrupted { .. } => {
@@ -164,7 +165,7 @@ impl From<StudyError> for Failure {
 mod tests {
     use super::*;
 
-    /// A terminal shows the line with the unknown word, and the word that was meant.
+    /// A terminal shows the line with the unknown word, and the word that was probably meant.
     #[test]
     fn the_place_in_a_file_is_marked() {
         #[derive(Debug, serde::Deserialize)]

@@ -1,4 +1,4 @@
-//! `plid identify`: the main job without an experiment file.
+//! `plid identify`: the main task without an experiment file.
 
 use std::path::PathBuf;
 
@@ -103,7 +103,7 @@ pub struct Arguments {
     output: Output,
 }
 
-/// A word as in an experiment file.
+/// Parses a word as in an experiment file.
 pub(super) fn parse<T: serde::de::DeserializeOwned>(word: &str) -> Result<T, String> {
     use serde::de::IntoDeserializer;
     let word: serde::de::value::StrDeserializer<'_, serde::de::value::Error> = word.into_deserializer();
@@ -113,7 +113,7 @@ pub(super) fn parse<T: serde::de::DeserializeOwned>(word: &str) -> Result<T, Str
 /// No record has that many columns; a longer range is a mistake.
 const LONGEST_RANGE: usize = 10_000;
 
-/// `u1,u2`, or ranges of numbers such as `3-5`.
+/// Parses a list such as `u1,u2`, or ranges of numbers such as `3-5`.
 fn columns(list: &str) -> Result<Vec<String>, Failure> {
     let mut names = Vec::new();
     for word in list.split(',').map(str::trim).filter(|word| !word.is_empty()) {
@@ -166,7 +166,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
 }
 
 impl Arguments {
-    /// The equivalent experiment.
+    /// Returns the equivalent experiment.
     fn experiment(&self, name: String) -> Result<Experiment, Failure> {
         Ok(Experiment {
             name,
@@ -208,7 +208,7 @@ impl Arguments {
     }
 
     fn data(&self) -> Result<DataConfig, Failure> {
-        // The file that is written may be run from anywhere.
+        // The written file may be run from any folder.
         let absolute = |path: &PathBuf| std::fs::canonicalize(path).map_err(|error| Failure::file(path, &error));
         Ok(DataConfig {
             files: self.data.iter().map(absolute).collect::<Result<_, _>>()?,

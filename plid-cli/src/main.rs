@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use cap::Cap;
 use mimalloc::MiMalloc;
 
-/// The allocator with a counter, so that `plid bench speed` can state what a step allocates.
+/// An allocator that counts, so that `plid bench speed` can state what a step allocates.
 #[global_allocator]
 static ALLOCATOR: Cap<MiMalloc> = Cap::new(MiMalloc, usize::MAX);
 

@@ -1,4 +1,4 @@
-//! `plid merge`: finished runs with one input each become one model.
+//! `plid merge`: merges finished runs with one input each into one model.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -13,8 +13,8 @@ use super::{Failure, Voice, directory, voice};
 ///
 /// Each RUN is the output directory of `plid run` or `plid identify`. All must have the same outputs, sample rate and
 /// observability indices; their lengths and noise may differ. The estimates of A are combined, weighted by their
-/// information, with the prior counted once, and each run's columns of B follow. A test decides whether the runs share
-/// one A, and if not, which run differs. A run in whose record another input acts is rejected.
+/// information, with the prior counted once, and each run's columns of B follow. A test decides whether the runs
+/// share one A, and if not, which run differs. A run is rejected if another input acts in its record.
 ///
 /// Writes DIR/model.json, result.json and report.html.
 #[derive(clap::Args)]

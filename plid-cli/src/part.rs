@@ -1,4 +1,4 @@
-//! The part of a work that one process does.
+//! The part of a larger task that one process does.
 
 use plid_work::Shard;
 
@@ -21,7 +21,7 @@ impl Part {
         self.shard.is_some() || self.merge
     }
 
-    /// Says that a shard of a study is complete. A shard alone has no results.
+    /// Reports that a shard of a study is complete. A single shard has no results.
     pub fn tell_shard(shard: Shard, voice: Voice) -> Result<(), Failure> {
         match voice {
             Voice { json: true, .. } => voice::print(&format!("{}\n", serde_json::json!({ "shard": shard }))),

@@ -57,7 +57,7 @@ impl Progress for Bar {
 pub struct Spinner;
 
 impl Spinner {
-    /// Does `work`, which reports on the line, and then removes the line. It is hidden if there is no terminal.
+    /// Runs `work`, which reports on the line, and then removes the line. It is hidden if there is no terminal.
     pub fn during<T>(quiet: bool, work: impl FnOnce(&mut dyn FnMut(String)) -> T) -> T {
         let shown = !quiet && std::io::stderr().is_terminal();
         let line = if shown { ProgressBar::new_spinner() } else { ProgressBar::hidden() };

@@ -1,4 +1,4 @@
-//! `plid reproduce`: the paper, claim by claim.
+//! `plid reproduce`: tests the paper claim by claim.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `plid run`: an experiment from its file to its report.
+//! `plid run`: carries out an experiment, from its file to its report.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};

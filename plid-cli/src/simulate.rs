@@ -32,7 +32,7 @@ pub struct Arguments {
     operating_point: bool,
 }
 
-/// The means that the provenance of an identified model names, inputs and outputs.
+/// Returns the means of inputs and outputs that the provenance of an identified model states.
 fn operating_point(model: &Model) -> Option<[Vec<f64>; 2]> {
     let point = model.provenance.as_ref()?.get("operating_point")?;
     let list = |key: &str| -> Option<Vec<f64>> { point.get(key)?.as_array()?.iter().map(|x| x.as_f64()).collect() };

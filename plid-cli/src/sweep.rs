@@ -77,7 +77,7 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     }
 }
 
-/// How many points there are, and the errors of those without a result.
+/// Returns the number of points, and the errors of those without a result.
 fn summary(points: usize, failed: &[&Row], report: Option<&Path>) -> String {
     let mut text = format!("{points} points, {} of them failed\n", failed.len());
     for row in failed {

@@ -17,7 +17,8 @@ pub fn read(path: &Path) -> Result<Table, Failure> {
     Ok(data::read(path, None)?)
 }
 
-/// The sample rate of a table: the given one, its own, or else the model's; the model's too where the two agree.
+/// Returns the sample rate of a table: the given one, the table's own, or else the model's. If the table's rate
+/// agrees with the model's, the model's is returned.
 pub fn rate(table: &Table, given: Option<f64>, model_hz: f64) -> Result<f64, Failure> {
     // A single sample has no rate to contradict the model's.
     if given.is_none() && table.samples() < 2 {
@@ -28,7 +29,8 @@ pub fn rate(table: &Table, given: Option<f64>, model_hz: f64) -> Result<f64, Fai
     Ok(if is_the_models { model_hz } else { rate })
 }
 
-/// A record must be sampled as the model or simulator for which it is; `input` and `of` are their files.
+/// Checks that a record has the sample rate of the model or simulator for which it is intended. `input` and `of` are
+/// the files of the record and of the model or simulator.
 pub fn require_rate(table: &Table, input: &Path, model_hz: f64, of: &Path) -> Result<(), Failure> {
     let record_hz = rate(table, None, model_hz)?;
     if record_hz == model_hz {
@@ -43,13 +45,13 @@ pub fn same_file(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
-/// The columns `names` of a table, in that order, with finite values.
+/// Returns the columns `names` of a table in that order, and checks that their values are finite.
 pub fn pick(table: &Table, names: &[String]) -> Result<Array2<f64>, Failure> {
     Ok(data::channels(table, names, MissingPolicy::Error)?)
 }
 
-/// Writes columns under their names as CSV, whole or not at all. A value that is not a number is an error with its
-/// position.
+/// Writes columns with their names as CSV, either completely or not at all. A value that is not a number is an error
+/// with its position.
 pub fn write_csv(path: &Path, names: &[String], values: &Array2<f64>) -> Result<(), Failure> {
     if let Some(((row, column), value)) = values.indexed_iter().find(|(_, value)| !value.is_finite()) {
         let (path, name) = (path.display(), &names[column]);

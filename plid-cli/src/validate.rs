@@ -49,10 +49,10 @@ pub struct Arguments {
     force: bool,
 }
 
-/// Written last, so that its presence says that the report is there.
+/// This file is written last, so that its presence shows that the report exists.
 const RESULT: &str = "result.json";
 
-/// Samples of the traces in the report.
+/// Number of samples of the traces in the report.
 const WINDOW: usize = 400;
 
 /// Runs the command.
@@ -78,7 +78,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let start = if arguments.start == "rest" { Start::Rest } else { Start::Fitted { window: None } };
     let comparison = compare(&named, &records, CompareOptions { start, score_from: arguments.skip })?;
     let json = to_value(&comparison).and_then(|value| to_json(&value)).map_err(Failure::work)?;
-    // The files come first: a reader of the table may be gone before its end.
+    // The files are written first, because the reader of the table may close the pipe before its end.
     if let Some(out) = &arguments.out {
         let page = page(&comparison, &named, &records, start);
         directory::with(out, || write(out, &page, &json).map_err(|error| Failure::file(out, &error)))?;
@@ -122,7 +122,7 @@ fn write(out: &Path, page: &str, json: &str) -> std::io::Result<()> {
     staged.commit(RESULT, &[])
 }
 
-/// The table on standard output: a row an output, a pair of columns a model.
+/// Returns the table for standard output, with one row per output and a pair of columns per model.
 fn printed(comparison: &Comparison, models: &[String]) -> String {
     let mut text = String::from("fit: 100 is perfect; error: RMS of the error over RMS of the output\n");
     for (k, model) in models.iter().enumerate() {
@@ -140,7 +140,7 @@ fn printed(comparison: &Comparison, models: &[String]) -> String {
     text
 }
 
-/// The rows of one kind of run, one run a model; `None` if no model has it.
+/// Returns the rows of one kind of run. `runs` has one entry per model, which is `None` if the model has no such run.
 fn rows(kind: &str, runs: &[Option<&Run>]) -> String {
     if runs.iter().all(Option::is_none) {
         return String::new();
@@ -211,7 +211,7 @@ fn overall(run: &Run) -> f64 {
     }
 }
 
-/// The sentence about the best simulation of a record.
+/// Returns the sentence about the best simulation of a record.
 fn verdict(best: &Trial, alone: bool) -> String {
     let error = overall(&best.free_run);
     if !error.is_finite() {
@@ -226,7 +226,7 @@ fn verdict(best: &Trial, alone: bool) -> String {
     )
 }
 
-/// The table of the page: a row for every output of every run.
+/// Returns the table of the page, with a row for every output of every run.
 fn scores(comparison: &Comparison) -> report::Table {
     let mut table = report::Table::new("Fit as MATLAB's compare, and RMS of the error over RMS of the output.")
         .column("record", "")
@@ -259,8 +259,8 @@ fn scores(comparison: &Comparison) -> report::Table {
     table
 }
 
-/// The last samples of a record; none where the model diverges or the record has gaps that keep its state from being
-/// fitted.
+/// Plots the last samples of a record. Returns `None` if the model diverges, or if gaps in the record prevent a fit
+/// of its state.
 fn traces(named: &NamedModel<'_>, record: &Record<'_>, start: Start) -> Option<String> {
     let model = named.model;
     let column = |name: &String| record.channels.iter().position(|c| c == name);

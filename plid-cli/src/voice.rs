@@ -25,7 +25,7 @@ pub fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Prints a result as JSON. A number that is not finite is refused, because JSON has none.
+/// Prints a result as JSON. A number that is not finite is refused, because JSON cannot represent it.
 pub fn json(value: &impl Serialize) -> Result<(), Failure> {
     print(&to_json(value).map_err(Failure::work)?)
 }

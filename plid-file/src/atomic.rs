@@ -6,12 +6,12 @@ use tempfile::{Builder, NamedTempFile};
 
 use crate::leftover::{Lock, SUFFIX, claim, clear, prefix};
 
-/// Number of links that are followed before they count as a circle, as in Linux.
+/// Number of links that are followed before they count as a loop, as in Linux.
 const LINKS: usize = 40;
 
-/// Writes a file whole or not at all: the bytes go into a temporary file in the same folder, which then takes the
-/// file's name. A reader sees the old content or the new one, even after a crash. The permissions of an old file are
-/// kept.
+/// Writes a file completely or not at all. The bytes are written to a temporary file in the same folder, which then
+/// takes the name of the file. A reader sees either the old or the new content, even after a crash. The permissions
+/// of an old file are kept.
 ///
 /// A link is followed, so that it stays a link and the file it names is replaced. A path that is neither a file nor
 /// missing (a device, a pipe) is written to directly. Temporary files that a killed process left for this file are
@@ -36,7 +36,7 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// The file at the end of a chain of links; it may be missing.
+/// Returns the file at the end of a chain of links. It may be missing.
 fn followed(path: &Path) -> io::Result<PathBuf> {
     let mut target = path.to_path_buf();
     for _ in 0..LINKS {
@@ -49,7 +49,7 @@ fn followed(path: &Path) -> io::Result<PathBuf> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{}: the links go in a circle", path.display())))
 }
 
-/// A new temporary file in the folder of `target`, and its lock.
+/// Creates a temporary file in the folder of `target`, and returns it with its lock.
 fn neighbour(target: &Path) -> io::Result<(NamedTempFile, Lock)> {
     let Some(name) = target.file_name() else {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{} names no file", target.display())));
@@ -62,7 +62,7 @@ fn neighbour(target: &Path) -> io::Result<(NamedTempFile, Lock)> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // As any new file: the system takes away what the user's mask says.
+        // As for any new file, the system removes the permissions in the user's mask.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     loop {
@@ -137,7 +137,7 @@ mod tests {
             let folder = tempfile::tempdir().unwrap();
             let at = |name: &str| folder.path().join(name);
             fs::create_dir(at("data")).unwrap();
-            // The file does not exist yet; the second link leads over the first.
+            // The file does not exist yet. The second link leads to the first.
             symlink("data/real.csv", at("first.csv")).unwrap();
             symlink("first.csv", at("second.csv")).unwrap();
             for content in ["new", "newer"] {

@@ -5,18 +5,18 @@ use std::path::{Path, PathBuf};
 use crate::Scratch;
 use crate::leftover::clear_all;
 
-/// A folder of folders, each of which is written whole or not at all.
+/// A folder of folders, each of which is written completely or not at all.
 ///
-/// What killed processes left is searched for once, when this value is made, so that the time of writing one folder
-/// does not grow with the number of those that are there.
+/// The search for leftovers of killed processes takes place once, when this value is created. The time to write one
+/// folder therefore does not grow with the number of existing folders.
 #[derive(Debug)]
 pub struct Folders {
     parent: PathBuf,
 }
 
 impl Folders {
-    /// Makes the folder `parent` if it is missing, and removes the temporary files and folders in it that belong to no
-    /// living process.
+    /// Creates the folder `parent` if it is missing, and removes the temporary files and folders in it that belong to
+    /// no running process.
     ///
     /// # Errors
     /// Returns the error of the file system.
@@ -33,11 +33,11 @@ impl Folders {
         &self.parent
     }
 
-    /// Writes a new folder with these files whole or not at all. Several processes may do so at once: one of them
-    /// succeeds.
+    /// Writes a new folder with these files completely or not at all. If several processes do so at the same time,
+    /// one of them succeeds.
     ///
     /// # Errors
-    /// Returns [`io::ErrorKind::AlreadyExists`] if the folder is there, or the error of the file system.
+    /// Returns [`io::ErrorKind::AlreadyExists`] if the folder exists, or the error of the file system.
     pub fn write<'a>(&self, name: &str, files: impl IntoIterator<Item = (&'a str, &'a [u8])>) -> io::Result<()> {
         let place = self.parent.join(name);
         if place.parent() != Some(&self.parent) || place.file_name().is_none() {

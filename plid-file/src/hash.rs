@@ -22,7 +22,7 @@ pub fn sha256(bytes: impl AsRef<[u8]>) -> String {
     hex(digest(bytes))
 }
 
-/// A reader that hashes the bytes which pass through it.
+/// A reader that hashes the bytes that pass through it.
 #[derive(Clone, Debug)]
 pub struct Hashing<R> {
     inner: R,
@@ -61,8 +61,8 @@ impl<R: Read> Read for Hashing<R> {
     }
 }
 
-/// Returns SHA-256 of the running executable in hexadecimal. Two builds of one commit differ where their executables
-/// do.
+/// Returns SHA-256 of the running executable in hexadecimal. Two builds of one commit have different hashes if their
+/// executables differ.
 ///
 /// # Errors
 /// Returns the error of the file system if the executable cannot be found or read.

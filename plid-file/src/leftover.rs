@@ -1,17 +1,17 @@
 //! Temporary files and folders of processes that were killed.
 //!
-//! Whoever makes a temporary entry holds a lock on it, which the system releases when the process ends. An entry that
-//! can be locked therefore belongs to no running process.
+//! The process that creates a temporary entry holds a lock on it, which the system releases when the process ends. An
+//! entry that can be locked therefore belongs to no running process.
 
 use std::ffi::OsStr;
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::Path;
 
-/// How the name of a temporary entry ends.
+/// The end of the name of a temporary entry.
 pub(crate) const SUFFIX: &str = ".plid-tmp";
 
-/// How the name of a temporary entry for `name` begins.
+/// Returns the beginning of the name of a temporary entry for `name`.
 pub(crate) fn prefix(name: &OsStr) -> String {
     format!(".{}.", name.to_string_lossy())
 }
@@ -19,25 +19,25 @@ pub(crate) fn prefix(name: &OsStr) -> String {
 /// The lock of a temporary entry, which is held until this value is dropped.
 #[derive(Debug)]
 pub(crate) struct Lock {
-    /// `None` where the system does not open folders.
+    /// `None` if the system cannot open folders.
     _file: Option<File>,
 }
 
-/// Takes the lock of a new temporary entry. Returns `None` if another process took the entry for a leftover before the
-/// lock was held and has removed it.
+/// Locks a new temporary entry. Returns `None` if another process mistook the entry for a leftover and removed it
+/// before it was locked.
 ///
 /// # Errors
-/// Returns the error of the file system if the entry is there and cannot be opened.
+/// Returns the error of the file system if the entry exists but cannot be opened.
 pub(crate) fn claim(path: &Path) -> io::Result<Option<Lock>> {
     let file = match File::open(path) {
         Ok(file) => Some(file),
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        // Windows does not open folders, so that none is ever taken for a leftover there.
+        // Windows cannot open folders, so no folder is ever removed as a leftover there.
         Err(_) if cfg!(windows) && path.is_dir() => None,
         Err(error) => return Err(error),
     };
     if let Some(file) = &file {
-        // A file system without locks also has no other process that could take one.
+        // On a file system without locks, no other process can lock the entry either.
         let _ = file.lock();
     }
     Ok(path.exists().then_some(Lock { _file: file }))
@@ -60,7 +60,7 @@ fn remove(folder: &Path, prefix: &str) {
     for entry in entries.flatten() {
         let found = entry.file_name();
         let found = found.to_string_lossy();
-        // A pipe of this name, which anybody may put into a shared folder, would have no end when it is opened.
+        // Anybody may put a pipe of this name into a shared folder. Opening it would block.
         let own = entry.file_type().is_ok_and(|kind| kind.is_dir() || kind.is_file());
         if !own || !found.starts_with(prefix) || !found.ends_with(SUFFIX) {
             continue;

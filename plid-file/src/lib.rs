@@ -1,12 +1,13 @@
 //! How plid writes files.
 //!
-//! - [`write_atomic`] writes a file whole or not at all.
+//! - [`write_atomic`] writes a file completely or not at all.
 //! - [`Folders`] does the same for new folders in one place.
 //! - [`Staged`] does the same for several files that belong together in one folder.
-//! - [`Scratch`] is a temporary folder, which is also removed if its process is killed.
-//! - [`to_json`] and [`to_line`] refuse a number that is not finite, because JSON has none.
+//! - [`Scratch`] is a temporary folder. It is also removed, later, if its process is killed.
+//! - [`to_json`] and [`to_line`] refuse a number that is not finite, because JSON cannot represent it.
 //! - [`file_name`] turns any name into one that stays in its folder.
-//! - With the feature `hash`, `sha256` identifies files by their content, and `Hashing` those too large to be held.
+//! - With the feature `hash`, `sha256` identifies files by their content, and `Hashing` identifies files that are too
+//!   large for memory.
 
 mod atomic;
 mod folder;

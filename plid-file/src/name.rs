@@ -1,5 +1,5 @@
-/// The name of a file or folder for any text: `%` and two hexadecimal digits stand for each byte that could lead to
-/// another folder or that a file system rejects. Different texts give different names.
+/// Returns the name of a file or folder for any text. Each byte that could lead to another folder, or that a file
+/// system rejects, is replaced by `%` and two hexadecimal digits. Different texts give different names.
 #[must_use]
 pub fn file_name(text: &str) -> String {
     if text.is_empty() {

@@ -6,20 +6,20 @@ use tempfile::{Builder, TempDir};
 
 use crate::leftover::{Lock, SUFFIX, claim, clear, prefix};
 
-/// A temporary folder, which is removed with this value.
+/// A temporary folder, which is removed when this value is dropped.
 ///
-/// It is locked while this value lives. A process that is killed leaves its folder behind, and the next one that makes
-/// a folder of the same name in the same place removes it.
+/// It is locked during the lifetime of this value. A process that is killed leaves its folder behind. The next
+/// process that creates a folder of the same name in the same place removes it.
 #[derive(Debug)]
 pub struct Scratch {
     folder: TempDir,
-    /// Is released after the folder is removed.
+    /// The lock, which is released after the folder is removed.
     _lock: Lock,
 }
 
 impl Scratch {
-    /// Makes a temporary folder in `parent`, and removes those of this name that belong to no living process. `name`
-    /// says what the folders are for and is a part of their names.
+    /// Creates a temporary folder in `parent`, and removes those of this name that belong to no running process.
+    /// `name` describes the purpose of the folders and is a part of their names.
     ///
     /// # Errors
     /// Returns the error of the file system.
@@ -29,7 +29,7 @@ impl Scratch {
         Self::unsearched(parent, name)
     }
 
-    /// Makes a temporary folder in `parent` without a search for those that killed processes left there.
+    /// Creates a temporary folder in `parent` without a search for those that killed processes left there.
     pub(crate) fn unsearched(parent: &Path, name: &OsStr) -> io::Result<Self> {
         loop {
             let folder = Builder::new().prefix(&prefix(name)).suffix(SUFFIX).tempdir_in(parent)?;
@@ -61,7 +61,7 @@ mod tests {
         let parent = tempfile::tempdir().unwrap();
         let living = Scratch::new(parent.path(), "work").unwrap();
         fs::write(living.path().join("file"), "used").unwrap();
-        // As of a process that was killed: the folder stays and the lock goes.
+        // As after a process was killed: the folder remains, and the lock is released.
         let left = Scratch::new(parent.path(), "work").unwrap().keep();
         fs::write(left.join("file"), "unused").unwrap();
         let another = parent.path().join(".another.x.plid-tmp");

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::Scratch;
 
-/// The files of one result, which replace those of an older one together.
+/// The files of one result, which together replace those of an older result.
 ///
 /// They are written into a folder inside the target. If anything fails before [`Staged::commit`], the target's own
 /// files are as they were. Files that a killed process left are removed when the next result is staged.
@@ -15,25 +15,27 @@ pub struct Staged {
 }
 
 impl Staged {
-    /// Makes the folder for a result that is to appear in `target`, which is created if it is missing.
+    /// Creates the folder for a result that is to appear in `target`. The target is created if it is missing.
     ///
     /// # Errors
     /// Returns the error of the file system.
     pub fn new(target: &Path) -> io::Result<Self> {
         fs::create_dir_all(target)?;
-        // Inside the target, because its parent may be another file system, or closed to this user.
+        // The folder lies inside the target, because the parent may be on another file system or not accessible to
+        // this user.
         Ok(Self { target: target.into(), folder: Scratch::new(target, "staged")? })
     }
 
-    /// Where the files are to be written.
+    /// Returns the folder into which the files must be written.
     #[must_use]
     pub fn path(&self) -> &Path {
         self.folder.path()
     }
 
-    /// Moves every file into the target. `marker` names the file whose presence says that the result is complete: the
-    /// old one goes first and the new one comes last, so that a process killed in between leaves no marker. `stale`
-    /// names files of an older result that go if this result has none of that name. All other files in the target stay.
+    /// Moves every file into the target. `marker` names the file whose presence shows that the result is complete.
+    /// The old marker is removed first, and the new one is moved last, so a process that is killed in between leaves
+    /// no marker. `stale` names files of an older result that are removed if this result has no file of that name.
+    /// All other files in the target remain.
     ///
     /// # Errors
     /// Returns the error of the file system.
@@ -42,7 +44,7 @@ impl Staged {
         for entry in fs::read_dir(self.path())? {
             names.push(entry?.file_name());
         }
-        // A folder cannot be replaced by a file: this is found before anything is moved.
+        // A file cannot replace a folder. This is checked before anything is moved.
         if let Some(name) = names.iter().find(|name| self.target.join(name).is_dir()) {
             let place = self.target.join(name);
             return Err(io::Error::new(io::ErrorKind::IsADirectory, format!("{} is a folder", place.display())));
@@ -116,7 +118,7 @@ mod tests {
         fs::write(staged.path().join("model.json"), "new").unwrap();
         drop(staged);
         assert_eq!(content(folder.path()), before);
-        // Nor does one of which a file cannot be placed.
+        // Nor does a result with a file that cannot be moved.
         fs::create_dir(folder.path().join("report.html")).unwrap();
         let staged = Staged::new(folder.path()).unwrap();
         for name in ["model.json", "report.html", "result.json"] {

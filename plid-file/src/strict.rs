@@ -1,10 +1,10 @@
 //! JSON without `null` where a number belongs.
 //!
-//! JSON has no NaN and no infinity: serde writes `null` in their place, and a reader then finds no number, or does not
-//! notice at all. [`to_json`] and [`to_line`] therefore check every number of a value before they write anything, and
-//! name the first one that is not finite by its path. A `null` inside a [`serde_json::Value`] is refused as well,
-//! because it may have been such a number. A value that is not available has no key: a typed field is an `Option` that
-//! is skipped if it is `None`.
+//! JSON has no NaN and no infinity. serde writes `null` in their place, and a reader then finds no number, or does
+//! not notice the error at all. [`to_json`] and [`to_line`] therefore check every number of a value before they write
+//! anything, and name the first one that is not finite by its path. A `null` inside a [`serde_json::Value`] is
+//! refused as well, because it may have been such a number. A value that is not available has no key. A typed field
+//! for it is an `Option` that is skipped if it is `None`.
 
 use serde::Serialize;
 use serde::ser;
@@ -27,8 +27,8 @@ pub struct NotFinite {
 /// Returns [`NotFinite`] for the first number that is not finite.
 ///
 /// # Panics
-/// Panics if the type cannot be JSON (a map whose keys are not text), which is a fault of the type and not of the
-/// value.
+/// Panics if the type cannot be represented in JSON (such as a map whose keys are not text), which is a fault of the
+/// type and not of the value.
 pub fn to_json<T: Serialize + ?Sized>(value: &T) -> Result<String, NotFinite> {
     require_finite(value)?;
     let mut text = serde_json::to_string_pretty(value).expect("plain data are JSON by construction");
@@ -50,7 +50,7 @@ pub fn to_line<T: Serialize + ?Sized>(value: &T) -> Result<String, NotFinite> {
     Ok(text)
 }
 
-/// Returns a value as a [`Value`] to build a file from. A field that is `None` has no key.
+/// Returns a value as a [`Value`] from which a file can be built. A field that is `None` has no key.
 ///
 /// # Errors
 /// Returns [`NotFinite`] for the first number that is not finite.
@@ -105,7 +105,7 @@ impl Walk {
         path.strip_prefix('.').map_or(path.clone(), str::to_string)
     }
 
-    /// Walks a part. The path stays where a number stopped the walk.
+    /// Walks through a part. If a number stops the walk, the path still leads to this number.
     fn part<T: Serialize + ?Sized>(&mut self, step: String, value: &T) -> Result<(), Stop> {
         self.path.push(step);
         value.serialize(&mut *self)?;
@@ -141,7 +141,7 @@ impl ser::Error for Stop {
     }
 }
 
-/// Methods for values that hold no number with a fraction.
+/// Methods for values that contain no floating-point number.
 macro_rules! nothing {
     ($($name:ident: $kind:ty),* $(,)?) => { $(fn $name(self, _: $kind) -> Result<(), Stop> { Ok(()) })* };
 }
@@ -231,7 +231,7 @@ impl<'a> ser::Serializer for &'a mut Walk {
     }
 }
 
-/// Sequences are walked by number, structs by the names of their fields.
+/// Sequences are walked through by index, and structs by the names of their fields.
 macro_rules! parts {
     ($($kind:ident => $method:ident),* $(,)?) => { $(impl ser::$kind for &mut Walk {
         type Ok = ();

@@ -16,14 +16,14 @@ pub(crate) enum Version {
     Three,
 }
 
-/// The fault of a description.
+/// A fault of a description.
 #[derive(Debug)]
 pub(crate) enum Fault {
-    /// It violates the standard.
+    /// The description violates the standard.
     Malformed(String),
-    /// It has another version.
+    /// The FMU follows another version of the standard.
     Version(String),
-    /// It has no co-simulation, but these kinds of simulation.
+    /// The FMU does not support co-simulation, but only these kinds of simulation.
     Kind(String),
 }
 
@@ -36,11 +36,11 @@ pub(crate) struct ModelDescription {
     pub token: String,
     /// Name of the binary.
     pub identifier: String,
-    /// Whether it needs another program to be installed.
+    /// Whether the FMU needs another program to be installed.
     pub needs_tool: bool,
     /// Whether its state can be stored and restored.
     pub keeps_states: bool,
-    /// Whether a process may have one instance of it only.
+    /// Whether a process may have only one instance of it.
     pub one_instance: bool,
     /// Whether its step size is fixed.
     pub fixed_step: bool,
@@ -57,7 +57,7 @@ pub(crate) struct Variable {
     pub reference: u32,
     pub causality: String,
     pub variability: String,
-    /// "Real" or "Float64" where it can be used.
+    /// Its type, which is "Real" or "Float64" if the variable can be used.
     pub kind: String,
     pub is_array: bool,
     pub start: Option<f64>,
@@ -69,7 +69,7 @@ pub(crate) struct Variable {
 }
 
 impl Variable {
-    /// Returns whether it is one number of double precision.
+    /// Returns whether it is a single number of double precision.
     pub fn is_real(&self) -> bool {
         !self.is_array && matches!(self.kind.as_str(), "Real" | "Float64")
     }
@@ -86,7 +86,7 @@ const BOUNDLESS: f64 = 1e30;
 
 impl ModelDescription {
     pub fn parse(text: &str) -> Result<Self, Fault> {
-        // Tools write byte order marks.
+        // Some tools write a byte order mark.
         let document = Document::parse(text.trim_start_matches('\u{feff}'))
             .map_err(|error| Fault::Malformed(error.to_string()))?;
         let root = document.root_element();
@@ -193,7 +193,7 @@ fn variables(root: Node<'_, '_>, version: Version) -> Result<Vec<Variable>, Faul
     Ok(found)
 }
 
-/// Returns the exponents of base units of each unit that states them.
+/// Returns the exponents of the base units for each unit that states them.
 fn units(root: Node<'_, '_>) -> BTreeMap<String, unit::Exponents> {
     let read = |node: Node<'_, '_>| {
         let base = child(node, "BaseUnit")?;

@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use plid_simulator::SimulatorError;
 
-/// Why an FMU cannot be used. Each names the file.
+/// The reasons why an FMU cannot be used. Each names the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FmuError {
@@ -19,7 +19,7 @@ pub enum FmuError {
     Archive {
         /// The FMU.
         file: PathBuf,
-        /// What is wrong.
+        /// The fault.
         message: String,
     },
     /// modelDescription.xml is missing or wrong.
@@ -27,7 +27,7 @@ pub enum FmuError {
     Description {
         /// The FMU.
         file: PathBuf,
-        /// What is wrong.
+        /// The fault.
         message: String,
     },
     /// The FMU follows a version of FMI other than 2 and 3.
@@ -38,12 +38,12 @@ pub enum FmuError {
         /// The version.
         version: String,
     },
-    /// The FMU has no co-simulation.
+    /// The FMU does not support co-simulation.
     #[error("{}: it is for {has} only; export it for co-simulation, with its solver", file.display())]
     Kind {
         /// The FMU.
         file: PathBuf,
-        /// What it has.
+        /// The kinds of simulation that it supports.
         has: String,
     },
     /// The FMU has no binary for this machine.
@@ -51,7 +51,7 @@ pub enum FmuError {
     Platform {
         /// The FMU.
         file: PathBuf,
-        /// Where the binary would be.
+        /// The expected location of the binary.
         wanted: String,
         /// The folders of binaries that exist.
         found: String,
@@ -64,14 +64,14 @@ pub enum FmuError {
         /// The message of the operating system.
         message: String,
     },
-    /// A variable that was asked for does not exist, or cannot be used in this way.
+    /// A requested variable does not exist, or it cannot be used in this way.
     #[error("{}: variable {variable:?}: {message}", file.display())]
     Variable {
         /// The FMU.
         file: PathBuf,
         /// The variable.
         variable: String,
-        /// What is wrong, and which variables there are.
+        /// The fault, and the variables that exist.
         message: String,
     },
     /// A rate or a number of steps cannot be used.
@@ -79,7 +79,7 @@ pub enum FmuError {
     Setting {
         /// The FMU.
         file: PathBuf,
-        /// What is wrong.
+        /// The fault.
         message: String,
     },
     /// A function of the FMU failed.
@@ -89,7 +89,7 @@ pub enum FmuError {
         file: PathBuf,
         /// The function.
         function: &'static str,
-        /// What it returned.
+        /// The value that it returned.
         found: String,
         /// The time of the simulation, for a step.
         at: String,

@@ -11,15 +11,15 @@ use crate::{FmuError, Options};
 
 /// An FMU for co-simulation, FMI 2.0 or 3.0, as a simulator.
 ///
-/// Each run begins with the state after initialisation: the FMU is reset, or created again if a reset does not restore
-/// that state. Displacements at ports count from there.
+/// Each run begins with the state after initialisation. The FMU is reset, or created again if a reset does not
+/// restore that state. Displacements at ports are relative to this state.
 pub struct Fmu {
     /// The instance, which is dropped before the binary.
     instance: Option<Instance>,
     package: Arc<Package>,
     wiring: Wiring,
     resets: Resets,
-    /// Steps since the start.
+    /// Number of steps since the start.
     steps: u64,
     /// The number of steps before each stored state, by slot.
     kept: BTreeMap<usize, u64>,
@@ -35,7 +35,7 @@ pub struct Fmu {
 enum Resets {
     /// No run has begun.
     New,
-    /// One run has begun: its parameters, and all variables at its start.
+    /// One run has begun. The values are its parameters, and all variables at its start.
     Begun(Vec<f64>, Vec<f64>),
     Work,
     Fail,
@@ -49,7 +49,7 @@ impl Fmu {
     /// lacks a variable.
     pub fn open(file: &Path, options: &Options) -> Result<Self, FmuError> {
         let unpacked = unpack(file)?;
-        // A wrong name is found before any foreign code runs.
+        // A wrong name is thus found before any foreign code runs.
         let wiring = Wiring::new(file, &unpacked.description, options)?;
         Self::of(Arc::new(Package::load(file, unpacked)?), wiring)
     }
@@ -141,7 +141,7 @@ impl Fmu {
             Resets::Begun(..) | Resets::Fail => false,
         };
         if !is_new {
-            // The old instance goes first: some FMUs allow one at a time.
+            // The old instance is removed first, because some FMUs allow only one at a time.
             self.instance = None;
             self.instance = Some(self.create()?);
         }

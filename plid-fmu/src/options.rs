@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 pub struct Options {
     /// Samples per second. If absent, a sample is one step of the FMU's default experiment.
     pub rate_hz: Option<f64>,
-    /// Number of steps in a sample. If absent: with ports, the number of steps of the default experiment in a sample;
-    /// without ports 1.
+    /// Number of steps in a sample. If absent, it is the number of steps of the default experiment in a sample with
+    /// ports, and 1 without ports.
     pub steps_per_sample: Option<usize>,
     /// The inputs, by name. If absent, these are all real inputs except those that take the force of a port, or all
     /// real inputs if each of them takes one. An input that is left out keeps its start value.

@@ -30,7 +30,7 @@ pub(crate) struct Wiring {
     pub step: f64,
 }
 
-/// Number of names in a message.
+/// Largest number of names in a message.
 const NAMED: usize = 20;
 
 /// The variables of an FMU, and the messages about them.
@@ -200,7 +200,7 @@ impl<'a> Chooser<'a> {
         let steps = match (options.steps_per_sample, own) {
             (Some(0), _) => return Err(self.setting("a sample has at least one step, not 0".into())),
             (Some(steps), _) => steps,
-            // The last step is not shortened. Instead, all steps are a little shorter.
+            // The last step of a sample is not shortened. Instead, all steps are slightly shorter.
             (None, Some(step)) if !options.ports.is_empty() => ((1.0 / (rate * step) - 1e-6).ceil() as usize).max(1),
             (None, _) => 1,
         };

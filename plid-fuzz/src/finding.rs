@@ -1,4 +1,4 @@
-//! One execution, and what is wrong with it.
+//! One execution, and the fault that it reveals.
 
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -7,18 +7,18 @@ use std::time::{Duration, Instant};
 
 use crate::Target;
 
-/// Time that a reading may take. It allows for a machine that is busy with other work.
+/// Longest time that the reading of an input may take. It allows for a machine that is busy with other work.
 const LONGEST: Duration = Duration::from_secs(10);
 
-/// Bytes that a reading may allocate, whatever the size of its input.
+/// Number of bytes that the reading of an input may allocate, whatever its size.
 const BASE: u64 = 1 << 20;
 
 thread_local! {
-    /// The place and the words of the last panic of this thread.
+    /// The location and the message of the last panic of this thread.
     static PANIC: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// Keeps the words of a panic in this thread and does not print them.
+/// Stores the message of a panic in this thread instead of printing it.
 fn listen() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -38,7 +38,7 @@ thread_local! {
     static READING: RefCell<bool> = const { RefCell::new(false) };
 }
 
-/// Lets the target read an input. Returns its words, or what is wrong.
+/// Lets the target read an input. Returns the words of the target, or the fault.
 pub(crate) fn execute(target: &Target, input: &[u8]) -> Result<String, String> {
     listen();
     let began = Instant::now();
@@ -60,7 +60,7 @@ pub(crate) fn execute(target: &Target, input: &[u8]) -> Result<String, String> {
     Ok(words)
 }
 
-/// Removes parts of an input for as long as the same thing is wrong with it.
+/// Removes parts of an input as long as it reveals the same fault.
 pub(crate) fn shortened(target: &Target, input: &[u8], wrong: &str) -> Vec<u8> {
     let same = |input: &[u8]| execute(target, input).is_err_and(|other| kind(&other) == kind(wrong));
     let mut input = input.to_vec();
@@ -81,7 +81,7 @@ pub(crate) fn shortened(target: &Target, input: &[u8], wrong: &str) -> Vec<u8> {
     input
 }
 
-/// Words without what varies with the input: quoted parts and digits.
+/// Returns words without the parts that vary with the input, which are quotations and digits.
 pub(crate) fn kind(words: &str) -> String {
     let parts = words.split(['`', '"', '\'']).step_by(2);
     let kept = parts.flat_map(str::chars).filter(|c| !c.is_ascii_digit());

@@ -1,12 +1,12 @@
-//! Mutated inputs for everything that reads a file or a message.
+//! Tests of everything that reads a file or a message, with mutated inputs.
 //!
 //! A [`Target`] is a function that reads bytes. [`run`] gives it the files of its corpus, and then mutations of them.
 //! It fails if the function panics, takes too long, or allocates more than the size of its input allows. The function
-//! itself checks that whatever it accepts is written and read back the same.
+//! itself checks that whatever it accepts can be written and read back unchanged.
 //!
-//! The function returns a few words on what became of its input. An input with words that are new joins the inputs that
-//! are mutated, so that mutations reach deeper than one fault. This takes the place of a measured coverage, which would
-//! need a nightly compiler.
+//! The function returns a few words about the result of its reading. An input with new words is added to the inputs
+//! that are mutated, so that mutations reach deeper than one fault. This replaces a measurement of the coverage,
+//! which would need a nightly compiler.
 //!
 //! A run is deterministic: it makes a fixed number of executions from a fixed seed. Environment variables change that:
 //!

@@ -1,4 +1,4 @@
-//! Changes of an input: of bits and bytes, of the numbers that formats hold, and of whole parts.
+//! Mutations of an input: of bits and bytes, of the numbers that formats contain, and of whole parts.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 /// Length above which an input does not grow.
 const LONGEST: usize = 1 << 14;
 
-/// Numbers in text that readers may find hard.
+/// Numbers in text that may cause faults in readers.
 const NUMBERS: [&str; 20] = [
     "0",
     "-0",
@@ -30,7 +30,7 @@ const NUMBERS: [&str; 20] = [
     "0.1",
 ];
 
-/// Numbers in bytes that are the ends of a range.
+/// Numbers in bytes that lie at the ends of a range.
 const WORDS: [u64; 14] = [
     0,
     1,
@@ -51,7 +51,7 @@ const WORDS: [u64; 14] = [
 /// Returns a changed copy of one of the inputs.
 pub(crate) fn mutated(inputs: &[Vec<u8>], rng: &mut ChaCha8Rng) -> Vec<u8> {
     let mut input = choice(inputs, rng).clone();
-    // Half of the inputs have one change, a quarter has two, and so on.
+    // Half of the inputs have one change, a quarter have two, and so on.
     loop {
         change(&mut input, inputs, rng);
         if rng.random() {
@@ -105,7 +105,7 @@ fn replace_byte(input: &mut [u8], rng: &mut ChaCha8Rng) {
     }
 }
 
-/// Repeats a part behind itself, up to a hundred times.
+/// Repeats a part immediately after itself, up to a hundred times.
 fn repeat(input: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
     let range = range(input, rng);
     let part = input[range.clone()].to_vec();
@@ -125,7 +125,7 @@ fn splice(input: &mut Vec<u8>, inputs: &[Vec<u8>], rng: &mut ChaCha8Rng) {
     }
 }
 
-/// Writes a number of one, two, four or eight bytes over what is there, in either order of bytes.
+/// Overwrites a part with a number of one, two, four or eight bytes, in either byte order.
 fn replace_word(input: &mut [u8], rng: &mut ChaCha8Rng) {
     let width = 1 << rng.random_range(0..4);
     if input.len() < width {

@@ -12,7 +12,7 @@ use crate::finding::{execute, kind, shortened};
 use crate::mutate::mutated;
 use crate::watch::Watch;
 
-/// Number of inputs that are mutated at most.
+/// Largest number of inputs that are mutated.
 const INPUTS: usize = 500;
 
 /// A reader.
@@ -21,9 +21,9 @@ pub struct Target {
     pub name: &'static str,
     /// Reads an input, checks that what it accepts is read back the same, and returns a few words about it.
     pub read: fn(&[u8]) -> String,
-    /// Bytes that a byte of the input may cost in memory.
+    /// Number of bytes of memory allowed per byte of the input.
     pub memory: u64,
-    /// Number of executions of a run that has no time set.
+    /// Number of executions of a run for which no time is set.
     pub executions: u64,
 }
 
@@ -87,7 +87,7 @@ pub fn run(target: &Target, corpus: &Path, findings: &Path) {
     assert!(faults.is_empty(), "{name}: {} faults\n{}", faults.len(), faults.join("\n"));
 }
 
-/// The files of a folder in the order of their names.
+/// Returns the files of a folder in the order of their names.
 fn files(folder: &Path) -> Vec<Vec<u8>> {
     let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
     let mut paths: Vec<_> = entries.map(|entry| entry.expect("an entry of the corpus").path()).collect();

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Time after which a reader is said to hang. It allows for a machine that is busy with other work.
+/// Time after which a reader counts as hanging. It allows for a machine that is busy with other work.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The input that is being read, and since when.
+/// The time at which the current reading began, and its input.
 type Current = Arc<Mutex<Option<(Instant, Vec<u8>)>>>;
 
 /// Watches the readings of one target.
@@ -17,7 +17,7 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Starts the thread. The input of a hang is written to `file`.
+    /// Starts the thread. The input of a reader that hangs is written to `file`.
     pub fn new(name: &'static str, file: &Path) -> Self {
         let current = Current::default();
         let (weak, file) = (Arc::downgrade(&current), file.to_path_buf());
@@ -36,7 +36,7 @@ impl Watch {
         Self { current, trace: std::env::var_os("PLID_FUZZ_TRACE").map(PathBuf::from) }
     }
 
-    /// A reading begins.
+    /// Notes that a reading begins.
     pub fn begin(&self, input: &[u8]) {
         if let Some(trace) = &self.trace {
             let _ = std::fs::write(trace, input);
@@ -45,7 +45,7 @@ impl Watch {
         *current = Some((Instant::now(), input.to_vec()));
     }
 
-    /// The reading has ended.
+    /// Notes that the reading has ended.
     pub fn end(&self) {
         *self.current.lock().expect("nobody panics while holding it") = None;
     }

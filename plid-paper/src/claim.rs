@@ -58,7 +58,7 @@ pub struct Context<'a> {
     pub vary: &'a str,
     /// The existing directory for the claim's files.
     pub directory: &'a Path,
-    /// Asked whether to continue.
+    /// The receiver of progress reports, which also tells whether to continue.
     pub progress: &'a dyn Progress,
 }
 
@@ -96,7 +96,8 @@ impl Context<'_> {
         Ok(if self.quick { both.quick } else { both.full })
     }
 
-    /// Runs an experiment for the PLID model only, which saves time. Data files are in the claim's directory.
+    /// Runs an experiment for the PLID model only, which saves time. Paths of data files are relative to the
+    /// directory of the claim.
     ///
     /// # Errors
     /// Returns a [`run::RunError`].

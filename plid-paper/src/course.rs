@@ -26,7 +26,8 @@ pub struct Course {
     pub seconds: f64,
 }
 
-/// The start of the paper's recursion: nothing is known, and channels have about 1 V.
+/// Returns the canonical form and the start of the paper's recursion. Nothing is known, and the channels have about 1
+/// V.
 ///
 /// # Errors
 /// Returns an error for fewer states than outputs.
@@ -47,7 +48,7 @@ pub fn course(
     noise: &NoiseModel,
     every: usize,
 ) -> Result<Course> {
-    // Forgetting makes P grow where nothing is learnt, which a matrix does not survive for long.
+    // With forgetting, P grows in directions without information, and a P that is stored as a matrix is soon lost.
     let covariance = if settings.forgetting < 1.0 { CovarianceName::BiermanUd } else { CovarianceName::Direct };
     let mut recursion = Variant { covariance, ..Variant::default() }.build(form.clone(), noise, settings)?;
     let (mut innovations, mut models, mut seconds) = (Array2::zeros(outputs.dim()), Vec::new(), 0.0);

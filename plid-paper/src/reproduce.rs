@@ -36,7 +36,7 @@ pub struct Options {
 pub struct Done {
     /// The result.
     pub finding: Finding,
-    /// How long it took, s.
+    /// The duration in s.
     pub seconds: f64,
 }
 
@@ -48,12 +48,13 @@ struct Task {
     key: String,
 }
 
-/// The study's name in its journal, and what its cells depend on, which their keys say.
+/// The name of the study in its journal, and the config of the journal. The keys of the cells state on what they
+/// depend.
 const STUDY: (&str, &str) = ("paper", "claims");
 
 /// Runs the claims and writes DIR/ID/claim.json with plots and configs for each, and DIR/claims.json and
-/// DIR/report.html for all of them. A claim that DIR already holds for the same configs, by the same build of the
-/// program, is not repeated.
+/// DIR/report.html for all of them. A claim is not repeated if DIR already contains its result for the same configs
+/// from the same build of the program.
 ///
 /// # Errors
 /// Returns [`StudyError::Cell`] for a claim that cannot be run, after the others are done, [`StudyError::Interrupted`],
@@ -89,13 +90,14 @@ fn run(
             "{id}: no shard has run this claim with these options and configs by this build of the program"
         )));
     }
-    // A former run in the same directory may have been quick and this one not: files follow the journal.
+    // An earlier run in the same directory may have been quick while this one is not, so the files are rewritten from
+    // the journal.
     for task in &tasks {
         if let Some(done) = journal.get(&task.key) {
             keep(task, &done.finding, &directory.join(task.claim.id))?;
         }
     }
-    // The load of before, for at the end it is this program's own.
+    // The load is measured now, because at the end it would be that of this program.
     let machine = Machine::here();
     let (quick, journal) = (options.quick, Mutex::new(journal));
     let work = Work { quick, directory, progress, journal, done: AtomicUsize::new(0), total: missing.len() };
@@ -112,14 +114,14 @@ fn run(
         .collect();
     write_json(&directory.join("claims.json"), &lines.iter().filter_map(Line::summary).collect::<Vec<_>>())?;
     write(&directory.join("report.html"), page::page(&lines, options.quick, &machine).to_html())?;
-    // An interruption is what the user wants to read of first.
+    // An interruption takes precedence over other errors.
     let failed = results.into_iter().filter_map(Result::err);
     let first = failed.min_by_key(|error| !matches!(error, StudyError::Interrupted { .. }));
     first.map_or(Ok(lines), Err)
 }
 
 impl Options {
-    /// The tasks that are asked for: those of `only`, and of these the shard's.
+    /// Returns the requested tasks, which are those of `only`, and of these the ones in the shard.
     fn own<'t>(&self, tasks: &'t [Task]) -> impl Iterator<Item = &'t Task> {
         let asked = tasks.iter().filter(|task| self.only.is_empty() || self.only.iter().any(|id| id == task.claim.id));
         asked.enumerate().filter(|(index, _)| self.shard.is_none_or(|shard| shard.has(*index))).map(|(_, task)| task)
@@ -141,8 +143,8 @@ impl Work<'_> {
         self.progress.stage("claims");
         self.progress.advance(0, self.total);
         let (timed, plain): (Vec<&Task>, Vec<&Task>) = tasks.iter().partition(|task| task.claim.timed);
-        // It would be better to start with the longest ones, but these are not known; threads help each other within a
-        // claim.
+        // It would be better to start with the longest claims, but these are not known. Threads share the work within
+        // a claim.
         let mut results: Vec<Result<(), StudyError>> = plain.par_iter().map(|task| self.one(task)).collect();
         // Timed claims run alone, because other work would disturb the timing.
         results.extend(timed.iter().map(|task| self.one(task)));
@@ -167,7 +169,7 @@ impl Work<'_> {
         let start = Instant::now();
         let finding = match (task.claim.run)(&context) {
             Ok(finding) => finding,
-            // Whatever broke off: the user asked for it.
+            // The user requested the interruption, whatever the error.
             Err(_) if self.progress.interrupted() => return Err(self.journal().interrupted()),
             Err(source) => return Err(StudyError::Cell { cell: task.claim.id.into(), source }),
         };
@@ -197,7 +199,7 @@ fn task(claim: &Claim, options: &Options, program: &str) -> Result<Task, StudyEr
     Ok(Task { claim: *claim, key: format!("{} {hash}", claim.id), config, vary })
 }
 
-/// The claim's own files.
+/// Writes the files of the claim.
 fn keep(task: &Task, finding: &Finding, at: &Path) -> Result<(), StudyError> {
     let id = task.claim.id;
     fs::create_dir_all(at).map_err(StudyError::file(at))?;
@@ -218,7 +220,7 @@ fn keep(task: &Task, finding: &Finding, at: &Path) -> Result<(), StudyError> {
     }
     let mut record = serde_json::json!(Summary::of(&task.claim, finding));
     record["panels"] = panels.into();
-    // Last, so that its presence says that the others are there.
+    // This file is written last, so that its presence shows that the others exist.
     write_json(&at.join("claim.json"), &record)
 }
 
@@ -231,7 +233,7 @@ pub struct Summary {
     pub statement: &'static str,
     /// The verdict.
     pub verdict: Verdict,
-    /// Whether figures and sentence depend on times, and so differ from run to run.
+    /// Whether figures and sentence depend on times and therefore differ from run to run.
     pub timed: bool,
     /// The result in words.
     pub sentence: String,
@@ -242,7 +244,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// The entry of a finding.
+    /// Creates the entry of a finding.
     pub fn of(claim: &Claim, finding: &Finding) -> Self {
         Self {
             id: claim.id,

@@ -49,7 +49,7 @@ pub fn with_seed(experiment: &Experiment, states: usize, seed: u64) -> Experimen
     other
 }
 
-/// Says where the covariances come from.
+/// Returns the source of the covariances in words.
 pub fn covariances(noise: NoiseSource) -> &'static str {
     match noise {
         NoiseSource::PaperLiteral => "paper's covariances",
@@ -58,8 +58,8 @@ pub fn covariances(noise: NoiseSource) -> &'static str {
     }
 }
 
-/// The comparisons of the paper, under both readings of its covariances: a name, the number of repeats averaged, and
-/// the covariances.
+/// Returns the comparisons of the paper with both readings of its covariances, each as a name, the number of averaged
+/// repeats, and the covariances.
 pub fn with_and_without_averages(averages: usize) -> [(&'static str, usize, NoiseSource); 4] {
     [
         ("paper's covariances, one record", 1, NoiseSource::PaperLiteral),
@@ -100,7 +100,7 @@ pub struct ModeRow {
 }
 
 impl ModeRow {
-    /// Height of the model's peak minus that of the true one in dB; NaN without a peak.
+    /// Returns the height of the model's peak minus that of the true peak in dB, or NaN without a peak.
     pub fn db_off(&self) -> f64 {
         self.model.map_or(f64::NAN, |(_, db)| db - self.truth.1)
     }
@@ -110,7 +110,7 @@ impl ModeRow {
         self.db_off().abs() <= CLOSE_DB
     }
 
-    /// The error of the height as a table shows it.
+    /// Returns the error of the height as a table shows it.
     pub fn words(&self) -> String {
         match self.model {
             None => "no peak".into(),

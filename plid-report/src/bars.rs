@@ -105,7 +105,7 @@ mod tests {
         Bar { name: name.into(), value, text: format!("{name} text"), ..Bar::default() }
     }
 
-    /// Widths of the bars.
+    /// Returns the widths of the bars.
     fn widths(svg: &str) -> Vec<f64> {
         let rectangles = svg.split("<rect ").skip(1).filter(|part| part.contains("height=\"16"));
         rectangles

@@ -16,7 +16,7 @@ pub struct Chart {
     pub height: f64,
 }
 
-/// Draws a chart as SVG, for any data that have no special plot function.
+/// Draws a chart as SVG. It is for data without a plot function of their own.
 pub fn chart(chart: &Chart) -> String {
     charts(std::slice::from_ref(chart))
 }

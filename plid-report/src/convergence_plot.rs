@@ -23,7 +23,7 @@ pub struct ConvergencePlot<'a> {
 /// Plots the largest one-step error over the sensors against time, as in the paper's Fig. 6: each sample in grey, with
 /// the median and the range from the 10th to the 90th percentile.
 pub fn convergence_plot(plot: &ConvergencePlot) -> String {
-    // The first sample lies at one sample time, so that a logarithmic axis has it too.
+    // The first sample lies at one sample time, so that it also appears on a logarithmic axis.
     let time = |k: f64| (k + 1.0) / plot.sample_rate_hz;
     let each = plot.convergence.largest.iter().enumerate().map(|(k, e)| (time(k as f64), *e)).collect();
     let centre = |start: usize, end: usize| match plot.time_scale {

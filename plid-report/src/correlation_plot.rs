@@ -15,7 +15,7 @@ pub fn correlation_plot(label: &str, columns: usize, functions: &[(String, &Corr
         let outside: Vec<(f64, f64)> = (0..values.len()).filter(|&k| is_outside(k)).map(|k| values[k]).collect();
         let ends = (lags.first().copied().unwrap_or(0.0) - 0.8, lags.last().copied().unwrap_or(1.0) + 0.8);
         let name = format!("{} % bounds", trimmed(100.0 * function.test.confidence));
-        // The two kinds differ in width too, for print without colour.
+        // The two kinds also differ in width, for prints without colour.
         let mut series = vec![
             Series::line(name, bound(1.0)).colour(style::TEXT).width(1.0).dashed(),
             Series::line("", bound(-1.0)).colour(style::TEXT).width(1.0).dashed(),

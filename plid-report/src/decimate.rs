@@ -1,6 +1,6 @@
-/// Cuts a series at its gaps (points that are not finite) into runs, and thins each run to what `pixels` columns can
-/// show: the lowest and the highest point of each column. `column` returns the horizontal position of x in pixels. A
-/// run in which x is not monotonic is not thinned.
+/// Cuts a series at its gaps (points that are not finite) into runs, and thins each run to the points that `pixels`
+/// columns can show, which are the lowest and the highest point of each column. `column` returns the horizontal
+/// position of x in pixels. A run in which x is not monotonic is not thinned.
 pub(super) fn decimate(points: &[(f64, f64)], pixels: f64, column: impl Fn(f64) -> f64) -> Vec<Vec<(f64, f64)>> {
     points
         .split(|(x, y)| !x.is_finite() || !y.is_finite() || !column(*x).is_finite())
@@ -59,7 +59,7 @@ mod tests {
         let circle: Vec<(f64, f64)> = (0..5000).map(|k| ((k as f64 / 100.0).cos(), (k as f64 / 100.0).sin())).collect();
         assert_eq!(decimate(&circle, 100.0, |x| 50.0 * x), std::slice::from_ref(&circle));
         assert_eq!(decimate(&circle[..10], 100.0, |x| x), [circle[..10].to_vec()]);
-        // A place off a logarithmic axis is a gap.
+        // A point that a logarithmic axis cannot show is a gap.
         assert_eq!(decimate(&[(0.0, 1.0), (1.0, 1.0)], 9.0, f64::ln), [[(1.0, 1.0)]]);
         assert_eq!(thin_points(&[(0.0, 0.0), (0.1, 0.1), (2.0, 0.0), (1.0, f64::NAN)], |x, y| (x, y)).len(), 2);
     }

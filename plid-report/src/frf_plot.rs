@@ -53,7 +53,7 @@ pub fn frf_grid(columns: usize, plots: &[FrfPlot]) -> String {
     let stack = |plot: &FrfPlot| {
         let mut panels = panels(plot, [18.0, 120.0, 56.0]);
         if plot.coherence.is_some() && plot.measured.is_some() {
-            // Too low for ticks: the strip is full where the coherence is one.
+            // The panel is too low for ticks. Its full height is a coherence of one.
             panels[0].y_ticks = false;
             panels[0].y.label = String::new();
         }
@@ -163,7 +163,7 @@ fn phases(plot: &FrfPlot) -> Vec<Series> {
     series
 }
 
-/// Returns the phase in degrees with a gap where it wraps.
+/// Returns the phase in degrees with a gap at each wrap.
 fn phase_points(curve: &FrfCurve) -> Vec<(f64, f64)> {
     let mut points: Vec<(f64, f64)> = Vec::new();
     for (f, h) in curve.frequency_hz.iter().zip(&curve.response) {

@@ -20,7 +20,8 @@ pub struct HeatMap {
     pub column_label: String,
     /// Label of the colour scale with its unit.
     pub value_label: String,
-    /// Ends of the colour scale; `None` for zero, or the least value below it, to the largest value.
+    /// Ends of the colour scale. With `None`, it extends from zero, or from the least value if that is negative, to
+    /// the largest value.
     pub range: Option<(f64, f64)>,
 }
 
@@ -82,12 +83,12 @@ fn colour_bar(canvas: &mut Canvas, label: &str, range: (f64, f64), bottom: f64) 
     let step = (bottom - TOP) / STEPS as f64;
     for k in 0..STEPS {
         let share = 1.0 - (k as f64 + 0.5) / STEPS as f64;
-        // Each step reaches into the next, so that no light seam shows between them.
+        // Each step overlaps the next one, so that no light seam is visible between them.
         rectangle(canvas, (x, TOP + k as f64 * step, BAR, step + if k + 1 < STEPS { 0.5 } else { 0.0 }), colour(share));
     }
     let middle = 0.5 * (range.0 + range.1);
     let ends = [(range.1, TOP + 10.0), (range.0, bottom)];
-    // Between the ends of a single row there is no room.
+    // A single row has no room between the ends.
     let between = (bottom - TOP > 1.5 * CELL).then_some((middle, 0.5 * (TOP + bottom) + 4.0));
     for (value, y) in ends.into_iter().chain(between) {
         canvas.text(&format_tick(rounded(value)), x + BAR + 5.0, y, Text::Start);

@@ -1,10 +1,10 @@
-//! Reports: plots as SVG strings, and a self-contained page of HTML without scripts that holds them.
+//! Reports: plots as SVG strings, and a self-contained HTML page without scripts that contains them.
 //!
-//! Plots are drawn by `kuva` (0.6, without its optional features). It was chosen over `plotters` (0.3) because it keeps
-//! coordinates to a hundredth of a pixel where the SVG of plotters rounds to whole pixels, combines markers and
-//! heat-map cells into one element each, measures text without a system font, escapes it, and clips to the axes. The
-//! module `figure` adds what it lacks: panels of different heights on one page, a legend above the data, and names of
-//! clip paths that do not depend on what was drawn before.
+//! Plots are drawn by `kuva` (0.6, without its optional features). It was chosen over `plotters` (0.3) for five
+//! reasons: it keeps coordinates to a hundredth of a pixel, whereas the SVG of plotters rounds to whole pixels; it
+//! combines markers and heat-map cells into one element each; it measures text without a system font; it escapes
+//! text; and it clips to the axes. The module `figure` adds the features that it lacks: panels of different heights
+//! on one page, a legend above the data, and names of clip paths that do not depend on what was drawn before.
 //!
 //! All output depends on the data only, and not on a clock or a counter of the process.
 

@@ -14,8 +14,8 @@ pub struct ModeSet {
     pub std: Vec<(f64, f64)>,
 }
 
-/// Plots modes as points of frequency and damping ratio with bars of two standard deviations, which shows at a glance
-/// the modes that two models share and those that are poorly known.
+/// Plots modes as points of frequency and damping ratio with bars of two standard deviations. The plot shows at a
+/// glance which modes two models share, and which are poorly known.
 pub fn mode_map(sets: &[ModeSet]) -> String {
     let mut series = Vec::new();
     for (index, set) in sets.iter().enumerate() {
@@ -26,7 +26,7 @@ pub fn mode_map(sets: &[ModeSet]) -> String {
             series.push(bar((f - 2.0 * f_std, *d), (f + 2.0 * f_std, *d)));
             series.push(bar((*f, d - 200.0 * d_std), (*f, d + 200.0 * d_std)));
         }
-        // Later sets are drawn smaller, so that equal modes are both seen.
+        // Later sets are drawn smaller, so that both of two equal modes are visible.
         series.push(Series::points(set.label.clone(), points).colour(colour).width(if index == 0 { 5.0 } else { 3.0 }));
     }
     let mut x = Axis::linear("frequency, Hz");

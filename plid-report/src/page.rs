@@ -5,7 +5,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use super::figure::CLIP_PREFIX;
 use super::write_atomic;
 
-/// A report, built from top to bottom and written as one page of HTML that loads nothing.
+/// A report, which is built from top to bottom and written as one HTML page that loads no other file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Report {
     title: String,
@@ -253,7 +253,7 @@ impl Block {
             },
             Self::Listing { caption, text } => html! {
                 p { (caption) }
-                // HTML drops a line feed right after the tag, so one is given away.
+                // HTML ignores a line feed right after the tag, so an additional one is written.
                 pre { "\n" (text) }
             },
         }
@@ -332,7 +332,7 @@ mod tests {
         );
         assert!(!page.contains("<script") && !page.contains("<i>") && !page.contains("Advice"));
         assert!(page.contains("name = &quot;&lt;x&gt;&quot;"));
-        // The only addresses are names of XML vocabularies.
+        // The only addresses are those of XML namespaces.
         assert!(!page.contains("https://") && !page.contains("src=") && !page.contains("href="));
         assert_eq!(page.matches("http://").count(), page.matches("xmlns=\"http://www.w3.org/2000/svg\"").count());
     }

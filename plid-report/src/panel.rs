@@ -24,19 +24,19 @@ pub struct Axis {
     pub label: String,
     /// Linear or logarithmic.
     pub scale: Scale,
-    /// The ends of the axis; `None` for the range of the data with a margin.
+    /// The ends of the axis. With `None`, they are those of the data with a margin.
     pub range: Option<(f64, f64)>,
-    /// Distance between ticks; `None` for a round number.
+    /// Distance between ticks. With `None`, it is a round number.
     pub step: Option<f64>,
 }
 
 impl Axis {
-    /// A linear axis over the data's range.
+    /// Creates a linear axis over the range of the data.
     pub fn linear(label: impl Into<String>) -> Self {
         Self { label: label.into(), ..Self::default() }
     }
 
-    /// A logarithmic axis over the data's range.
+    /// Creates a logarithmic axis over the range of the data.
     pub fn log(label: impl Into<String>) -> Self {
         Self { label: label.into(), scale: Scale::Log, ..Self::default() }
     }
@@ -122,48 +122,50 @@ impl Series {
         Self { label: label.into(), shape, colour: None, width: style::LINE, dashed: false }
     }
 
-    /// A line through the points; a point that is not finite is a gap. An empty label keeps a series out of the legend.
+    /// Creates a line through the points. A point that is not finite is a gap. An empty label keeps a series out of
+    /// the legend.
     pub fn line(label: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self::new(label, Shape::Line(points))
     }
 
-    /// Vertical lines from low to high at each (x, low, high), without a legend entry, for the intervals of markers.
+    /// Creates vertical lines from low to high at each (x, low, high), without a legend entry, for the intervals of
+    /// markers.
     pub fn whiskers(intervals: impl IntoIterator<Item = (f64, f64, f64)>) -> Self {
         let one = |(x, low, high): (f64, f64, f64)| [(x, low), (x, high), (x, f64::NAN)];
         Self::line("", intervals.into_iter().flat_map(one).collect()).width(2.0)
     }
 
-    /// Markers.
+    /// Creates markers.
     pub fn points(label: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self::new(label, Shape::Points(points)).width(3.0)
     }
 
-    /// A thin bar from zero to each point.
+    /// Creates a thin bar from zero to each point.
     pub fn stems(label: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self::new(label, Shape::Stems(points))
     }
 
-    /// The area between zero and the points.
+    /// Creates the area between zero and the points.
     pub fn area(label: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self::new(label, Shape::Area(points))
     }
 
-    /// A band over (x, low, high).
+    /// Creates a band over (x, low, high).
     pub fn band(label: impl Into<String>, points: Vec<(f64, f64, f64)>) -> Self {
         Self::new(label, Shape::Band(points))
     }
 
-    /// A horizontal line across the plot, dashed.
+    /// Creates a dashed horizontal line across the plot.
     pub fn level(label: impl Into<String>, value: f64) -> Self {
         Self::new(label, Shape::Level(value)).dashed()
     }
 
-    /// A vertical line across the plot, dashed.
+    /// Creates a dashed vertical line across the plot.
     pub fn vertical(label: impl Into<String>, value: f64) -> Self {
         Self::new(label, Shape::Vertical(value)).dashed()
     }
 
-    /// Sets the colour (CSS) in place of the next one of the palette.
+    /// Sets the colour (CSS) instead of the next one of the palette.
     pub fn colour(mut self, colour: &str) -> Self {
         self.colour = Some(colour.into());
         self
@@ -224,7 +226,7 @@ pub(super) struct Margins {
 
 impl Panel {
     pub fn new(x: Axis, y: Axis, height: f64, series: Vec<Series>) -> Self {
-        // Colours go to series in the order in which they are given, whatever lies between them.
+        // Series receive colours in the order in which they are given, whatever lies between them.
         let mut free = style::CYCLE.iter().cycle();
         let series = series
             .into_iter()
@@ -267,7 +269,7 @@ impl Panel {
         }
 
         let scaled = |range: (f64, f64), factor: f64| (range.0 * factor, range.1 * factor);
-        // So many decades share one text.
+        // The number of decades that share one label.
         let every = |axis: &Axis, range: (f64, f64), texts: f64| match axis.scale {
             Scale::Linear => 1,
             Scale::Log => ((range.1 / range.0).log10() / texts).ceil() as i32,
@@ -300,7 +302,7 @@ impl Panel {
         if self.y.scale == Scale::Log {
             layout = layout.with_log_y();
         }
-        // The library marks decades well, but leaves a logarithmic axis of less than one without ticks.
+        // The library marks decades well, but a logarithmic axis of less than one decade has no ticks.
         let step = |axis: &Axis, range: (f64, f64), count: f64| match axis.scale {
             Scale::Log if range.1 / range.0 > 8.0 => None,
             _ => Some(axis.step.unwrap_or_else(|| nice_step(range, count))),
@@ -371,7 +373,7 @@ impl View<'_> {
         if axis.scale == Scale::Linear && self.row(y) < -10.0 * self.panel.height {
             return self.y_range.0 - 5.0 * (self.y_range.1 - self.y_range.0);
         }
-        // Zero on a logarithmic axis lies below its end.
+        // A logarithmic axis cannot show values at or below zero.
         if axis.scale == Scale::Log && y <= 0.0 { f64::NAN } else { y }
     }
 

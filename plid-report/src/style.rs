@@ -13,7 +13,7 @@ pub const COHERENCE: &str = "#009e73";
 /// Bounds, floors and other reference lines.
 pub const REFERENCE: &str = "#d55e00";
 
-/// Colours assigned in turn to series without a colour.
+/// Colours that are assigned in turn to series without a colour.
 pub const CYCLE: [&str; 8] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d", "#8c6d1f"];
 
 pub const GRID: &str = "#e6e6e6";
@@ -34,7 +34,7 @@ pub fn text_width(text: &str, size: u32) -> f64 {
     text.chars().count() as f64 * size as f64 * 0.57
 }
 
-/// Shortens a text to this many pixels by leaving out its middle, because both ends distinguish names.
+/// Shortens a text to this many pixels by omitting its middle, because names differ at both ends.
 pub fn fitted(text: &str, size: u32, width: f64) -> String {
     let most = (width / (f64::from(size) * 0.57)).max(3.0) as usize;
     let letters: Vec<char> = text.chars().collect();

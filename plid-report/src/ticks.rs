@@ -13,8 +13,8 @@ pub(super) fn nice_step(range: (f64, f64), count: f64) -> f64 {
     factor * power
 }
 
-/// Returns a power of ten that scales the axis to numbers that the plotting library can draw: it accepts nothing below
-/// 1e-10 on a logarithmic axis, and no span near the smallest number on a linear one.
+/// Returns a power of ten that scales the axis to numbers that the plotting library can draw. The library accepts
+/// nothing below 1e-10 on a logarithmic axis, and no span near the smallest number on a linear one.
 pub(super) fn drawing_factor(scale: Scale, range: (f64, f64)) -> f64 {
     let size = match scale {
         Scale::Linear => range.0.abs().max(range.1.abs()),
@@ -41,7 +41,7 @@ pub(super) fn format_tick(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }
-    // Ticks are sums of steps: rounding to ten digits takes off what the sums add.
+    // Ticks are sums of steps. Rounding to ten digits removes the error of the sums.
     let text = format!("{:.9e}", value);
     let Some((mantissa, exponent)) = text.split_once('e') else {
         return text;

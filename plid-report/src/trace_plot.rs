@@ -11,7 +11,7 @@ pub struct Trace<'a> {
     pub name: String,
     /// Its unit, such as "V".
     pub unit: String,
-    /// Measured samples; a missing one is a NaN.
+    /// Measured samples. A missing one is NaN.
     pub measured: &'a [f64],
     /// One-step predictions.
     pub predicted: Option<&'a [f64]>,

@@ -1,5 +1,5 @@
-/// Formats a share as per cent with three significant digits, but never more than two decimals: "0.85 %", "5.21 %",
-/// "13.3 %"; a dash if the share is not known.
+/// Formats a share in per cent with three significant digits, but never more than two decimals, as in "0.85 %", "5.21
+/// %" and "13.3 %". A share that is not known is a dash.
 pub fn percent(share: f64) -> String {
     match 100.0 * share {
         x if x.is_nan() => "–".into(),

@@ -34,7 +34,7 @@ const KINEMATIC: f64 = 0.2;
 /// Checks a simulator with trial inputs of this size.
 ///
 /// # Errors
-/// [`SimulatorError`] if it cannot be run at all.
+/// Returns a [`SimulatorError`] if the simulator cannot be run at all.
 pub fn check(simulator: &mut dyn Simulator, size: f64) -> Result<Vec<Finding>, SimulatorError> {
     let mut simulator = Checked::new(simulator)?;
     let description = simulator.description().clone();

@@ -10,7 +10,7 @@ use crate::{Channels, Description, Failure, Instance, Motion, Simulator, Simulat
 pub struct Calls {
     /// Number of runs, including those step by step.
     pub runs: usize,
-    /// The sum of the times that they took.
+    /// Total time of these runs.
     pub time: Duration,
 }
 
@@ -26,7 +26,7 @@ impl<'a> Checked<'a> {
     /// Wraps a simulator.
     ///
     /// # Errors
-    /// [`SimulatorError::Description`] if the simulator's description is inconsistent.
+    /// Returns [`SimulatorError::Description`] if the simulator's description is inconsistent.
     pub fn new(simulator: &'a mut dyn Simulator) -> Result<Self, SimulatorError> {
         let description = Arc::new(simulator.description().clone());
         description.check()?;
@@ -57,7 +57,7 @@ impl<'a> Checked<'a> {
         self.calls
     }
 
-    /// Returns the number of runs that go side by side.
+    /// Returns the number of runs that can go side by side.
     pub fn instances(&self) -> usize {
         self.instances.len()
     }
@@ -70,7 +70,7 @@ impl<'a> Checked<'a> {
     /// Runs from rest; see [`Simulator::run`].
     ///
     /// # Errors
-    /// [`SimulatorError::Call`] with the number of the run and its failure.
+    /// Returns [`SimulatorError::Call`] with the number of the run and its failure.
     pub fn run(&mut self, parameters: &[f64], u: &[Vec<f64>]) -> Result<Channels, SimulatorError> {
         self.one(|instance| instance.run(parameters, u))
     }
@@ -78,7 +78,7 @@ impl<'a> Checked<'a> {
     /// Runs from rest, step by step; see [`Instance::run_with`].
     ///
     /// # Errors
-    /// [`SimulatorError::Call`] with the number of the run, the sample and the failure.
+    /// Returns [`SimulatorError::Call`] with the number of the run, the sample and the failure.
     pub fn run_with(
         &mut self,
         parameters: &[f64],
@@ -129,7 +129,7 @@ fn timed<'a>(run: impl FnOnce(&mut Instance<'a>) -> Result<Channels, Failure>, i
     (run(instance), began.elapsed())
 }
 
-/// Carries out runs on several instances: each takes the next run when it is free.
+/// Carries out runs on several instances. Each instance takes the next run when it is free.
 fn shared_out<'a, R>(instances: &mut [Instance<'a>], runs: &[R]) -> Vec<Timed>
 where
     R: Fn(&mut Instance<'a>) -> Result<Channels, Failure> + Sync,

@@ -28,7 +28,8 @@ impl Linear {
     /// Creates a simulator from a model, with a number of steps in a sample.
     ///
     /// # Errors
-    /// [`SimulatorError::Description`] if it has ports or shorter steps, but no continuous form.
+    /// Returns [`SimulatorError::Description`] if the model has ports or several steps per sample, but no
+    /// continuous-time form.
     pub fn new(model: &Model, name: &str, steps_per_sample: usize) -> Result<Self, SimulatorError> {
         let inputs = model.inputs.iter().map(Input::new).collect();
         let mut description = Description::new(name, model.sample_rate_hz, inputs, Vec::new());
@@ -158,8 +159,8 @@ mod tests {
         Linear::new(&model, "oscillator", steps).unwrap()
     }
 
-    /// A step of force follows the closed form of the damped oscillator, and a force at the port does as much as the
-    /// input.
+    /// The response to a step of force follows the closed form of the damped oscillator, and a force at the port has
+    /// the same effect as the input.
     #[test]
     fn a_step_follows_the_closed_form() {
         let (samples, force): (usize, f64) = (200, 3.0);
@@ -182,7 +183,7 @@ mod tests {
         }
     }
 
-    /// The checker finds that states come back, and runs of a copy are those of the original.
+    /// The checker confirms that states are restored, and runs of a copy agree with those of the original.
     #[test]
     fn states_and_copies_are_exact() {
         let mut simulator = oscillator(4);
@@ -195,7 +196,7 @@ mod tests {
         assert!(simulator.restore(0).is_err(), "a start forgets what was kept");
     }
 
-    /// A spring at the port moves the frequency as a stiffer spring does.
+    /// A spring at the port changes the frequency like a stiffer spring.
     #[test]
     fn the_motion_at_a_port_is_that_of_the_model() {
         let mut simulator = oscillator(50);
@@ -207,7 +208,7 @@ mod tests {
                 far = far.max(motions[0].displacement);
             })
             .unwrap();
-        // Static displacements of 1 / 900 m, approached with an overshoot.
+        // The static displacement is 1 / 900 m, which is approached with an overshoot.
         assert!((y[0][290..].iter().sum::<f64>() / 10.0 - 1.0 / 900.0).abs() < 2e-4);
         assert!(far > 1.5 / 900.0, "{far}");
     }

@@ -1,17 +1,17 @@
-//! Measurement updates whose answer is known in closed form and which cancel badly: each form to its own order of
-//! magnitude.
+//! Measurement updates with severe cancellation whose result is known in closed form. Each form is tested to its own
+//! order of magnitude.
 
 use plid_core::{
     CovariancePropagation, Dense, InitialCovariance, Inspect, ObservableForm, Scalar, ScalarOf, ScalarUpdate,
 };
 
-/// The largest error of the leading block of P after scalar updates, relative to its largest entry; `None` if the form
-/// gave up.
+/// Returns the largest error of the leading block of P after scalar updates, relative to its largest entry, or `None`
+/// if an update failed.
 fn error<C>(initial: [f64; 3], updates: &[([f64; 3], f64)], expected: &[&[f64]]) -> Option<f64>
 where
     C: Inspect + ScalarUpdate + CovariancePropagation<Scalar = f64>,
 {
-    // One state, one output, one input: N = 3.
+    // One state, one output and one input give N = 3.
     let model = ObservableForm::new(&[1], 1).unwrap();
     let mut covariance =
         C::new(&model, &InitialCovariance::Diagonal(initial.to_vec()), &C::Options::default()).unwrap();
@@ -30,12 +30,12 @@ where
     Some(worst / largest)
 }
 
-/// Dyer and McReynolds: P0 = I, R = d^2 I, H = [1 1 1; 1 1 1 + d].
+/// The example of Dyer and McReynolds: P0 = I, R = d^2 I, H = [1 1 1; 1 1 1 + d].
 pub fn dyer_mcreynolds<C>(d: f64) -> Option<f64>
 where
     C: Inspect + ScalarUpdate + CovariancePropagation<Scalar = f64>,
 {
-    // The d that 1 + d stands for in f64, so that the data hold no rounding error.
+    // This is the d that 1 + d represents in f64, so the data contain no rounding error.
     let d = (1.0 + d) - 1.0;
     let scale = 8.0 + 2.0 * d * (1.0 + d);
     let (own, far) = ((5.0 + 2.0 * d * (1.0 + d)) / scale, (-2.0 - d) / scale);
@@ -44,7 +44,7 @@ where
     error::<C>([1.0; 3], &updates, &[&expected[0], &expected[1], &expected[2]])
 }
 
-/// Bierman: P0 = I / e^2, R = 1, h = (1, e), then (1, 1).
+/// The example of Bierman: P0 = I / e^2, R = 1, h = (1, e), then (1, 1).
 pub fn bierman<C>(e: f64) -> Option<f64>
 where
     C: Inspect + ScalarUpdate + CovariancePropagation<Scalar = f64>,
@@ -57,10 +57,10 @@ where
     error::<C>([variance, variance, 1.0], &updates, &[&expected[0], &expected[1]])
 }
 
-/// Holds the measurement update by any row h to its definition: the gain is P h^T / (h P h^T + r).
+/// Checks the measurement update by any row h against its definition, in which the gain is P h^T / (h P h^T + r).
 ///
 /// # Panics
-/// Where it does not conform.
+/// Panics if it does not conform.
 pub fn check_scalar_update<C: Inspect + ScalarUpdate>() {
     let model = ObservableForm::new(&[1], 1).unwrap();
     let p0 = [[2.0, 0.3, -0.5], [0.3, 1.0, 0.2], [-0.5, 0.2, 1.5]];

@@ -19,27 +19,27 @@ pub struct Case {
     pub plant: Plant,
     /// One noise model for all steps, or several in turn, fifty steps each.
     pub noise: Vec<NoiseModel>,
-    /// The start.
+    /// The settings of the start.
     pub settings: Settings,
-    /// NaN where an output is missing.
+    /// Outputs, sample by sample; NaN for a missing output.
     pub z: Vec<Vec<f64>>,
     /// Inputs, sample by sample.
     pub u: Vec<Vec<f64>>,
 }
 
 impl Case {
-    /// The noise model of step `k`.
+    /// Returns the noise model of step `k`.
     pub fn noise_at(&self, k: usize) -> &NoiseModel {
         &self.noise[k / 50 % self.noise.len()]
     }
 
-    /// The number of states.
+    /// Returns the number of states.
     pub fn states(&self) -> usize {
         self.indices.iter().sum()
     }
 }
 
-/// x+ = A x + B u in the canonical form, output i the last state of block i.
+/// The plant x+ = A x + B u in the canonical form, in which output i is the last state of block i.
 #[derive(Clone, Debug)]
 pub struct Plant {
     /// A, n x n.
@@ -51,12 +51,12 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// Spectral radius `radius`, entries of B and of the columns of A by chance.
+    /// Draws a plant with spectral radius `radius` and random entries of B and of the columns of A.
     pub fn random(indices: &[usize], inputs: usize, radius: f64, rng: &mut ChaCha8Rng) -> Self {
         Self::with_entries(indices, inputs, radius, rng, |_, _| true)
     }
 
-    /// Such a random plant with a_i zero in the rows of block j from the (n_i + 1)-th on: see
+    /// Draws such a plant with a_i zero in the rows of block j from the (n_i + 1)-th on; see
     /// `ObservableForm::is_redundant`.
     pub fn random_unique(indices: &[usize], inputs: usize, radius: f64, rng: &mut ChaCha8Rng) -> Self {
         let form = ObservableForm::new(indices, inputs).unwrap();
@@ -79,7 +79,7 @@ impl Plant {
         }
         let mut a = DMatrix::<f64>::zeros(n, n);
         for i in 1..n {
-            // A new block begins behind each output's state.
+            // A new block begins after the state of each output.
             if !outputs.contains(&(i - 1)) {
                 a[(i, i - 1)] = 1.0;
             }
@@ -90,7 +90,8 @@ impl Plant {
                 a[(row, column)] += if there(row, output) { entry } else { 0.0 };
             }
         }
-        // An entry d samples back scales with radius^d: all eigenvalues are multiplied by the same factor.
+        // An entry for a delay of d samples scales with the d-th power of the factor, so all eigenvalues are
+        // multiplied by the same factor.
         let largest = a.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
         for &column in &outputs {
             for row in 0..n {
@@ -102,17 +103,17 @@ impl Plant {
     }
 }
 
-/// A unit normal number.
+/// Draws a standard normal number.
 pub fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// The generator of a seed.
+/// Returns the generator for a seed.
 pub fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
 }
 
-/// Any joint covariance of [w; v; xi], with standard deviations near `scale`.
+/// Draws a joint covariance of [w; v; xi] with standard deviations near `scale`.
 pub fn random_noise(p: usize, m: usize, n: usize, scale: f64, rng: &mut ChaCha8Rng) -> NoiseModel {
     let size = p + m + n;
     let columns = size + 4;
@@ -131,7 +132,7 @@ pub fn random_noise(p: usize, m: usize, n: usize, scale: f64, rng: &mut ChaCha8R
     }
 }
 
-/// Records the plant under unit white input, noise as the models say, in turn.
+/// Records the plant under a white input of unit variance, with noise according to the models in turn.
 pub fn record(
     plant: &Plant,
     noise: &[NoiseModel],
@@ -164,15 +165,15 @@ pub fn record(
 /// Properties that vary between cases.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Samples.
+    /// Number of samples.
     pub steps: usize,
-    /// Standard deviations of the noise, about.
+    /// Approximate standard deviation of the noise.
     pub noise_scale: f64,
-    /// Noise models, fifty steps each in turn.
+    /// Number of noise models, which alternate every fifty steps.
     pub noise_models: usize,
     /// The probability that an output is missing.
     pub missing: f64,
-    /// Whether P0 is a whole matrix.
+    /// Whether P0 is a full matrix.
     pub full_initial: bool,
 }
 
@@ -182,7 +183,7 @@ impl Default for Options {
     }
 }
 
-/// A case of the given structure.
+/// Draws a case of the given structure.
 pub fn random_case(indices: &[usize], inputs: usize, options: Options, seed: u64) -> Case {
     let mut rng = rng(seed);
     let (p, n) = (indices.len(), indices.iter().sum());

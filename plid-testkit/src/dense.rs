@@ -1,10 +1,10 @@
-//! Dense matrices by plain loops, in any scalar: nothing of the library under test but its number trait.
+//! Dense matrices by plain loops in any scalar. Only the number trait of the library under test is used.
 
 use std::ops::{Add, Index, IndexMut, Mul, Sub};
 
 use plid_core::Scalar;
 
-/// Row-major.
+/// A dense matrix in row-major order.
 #[derive(Clone, Debug)]
 pub struct Mat<S> {
     pub rows: usize,
@@ -55,7 +55,7 @@ impl<S: Scalar> Mat<S> {
         }
     }
 
-    /// Gauss-Jordan with row pivoting.
+    /// Returns the inverse by Gauss-Jordan elimination with row pivoting.
     pub fn inverse(&self) -> Self {
         let n = self.rows;
         let (mut a, mut b) = (self.clone(), Self::identity(n));
@@ -82,7 +82,7 @@ impl<S: Scalar> Mat<S> {
         b
     }
 
-    /// The Frobenius norm.
+    /// Returns the Frobenius norm.
     pub fn norm(&self) -> f64 {
         self.data.iter().map(|x| x.to_f64() * x.to_f64()).sum::<f64>().sqrt()
     }

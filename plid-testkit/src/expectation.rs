@@ -37,20 +37,22 @@ pub fn grid_bayes<E: ConditionalExpectations<Scalar = f64>>(sigma: f64, r: f64, 
     Calibration { rmse: (own / runs).sqrt(), exact_rmse: (exact / runs).sqrt(), nees: nees / runs }
 }
 
-/// Holds a conditional expectation to what any must satisfy. A step allocates nothing. P stays a covariance, forms
-/// agree, and checkpoints continue to the same bits. Permuted and rescaled channels permute and rescale the estimate.
-/// On a scalar plant its error is no smaller than that of exact Bayes, and smaller than the prior's.
+/// Checks that a conditional expectation has the properties that all must have. A step allocates nothing. P remains a
+/// covariance, forms agree, and runs continued from checkpoints are bit-identical. Permuted and rescaled channels
+/// permute and rescale the estimate. On a scalar plant, the error is no smaller than that of exact Bayes, and smaller
+/// than that of the prior.
 ///
-/// Its accuracy beyond that is not judged; [`grid_bayes`] measures it. Nor are its equations: a missing drift or a
-/// wrong sign may pass. [`same_expectations`] compares it with another expectation.
+/// The accuracy is not judged beyond that; [`grid_bayes`] measures it. The equations are not checked, so a missing
+/// drift or a wrong sign may pass. [`same_expectations`] compares the expectation with another one.
 ///
 /// # Panics
-/// Where it does not conform.
+/// Panics if it does not conform.
 pub fn check_expectation<E: ConditionalExpectations<Scalar = f64>>() {
     allocations::a_step_allocates_nothing(&Variant::of::<BiermanUd<Plain<f64>>, E>());
     properties::check_expectation::<E>();
     let (found, prior) = (grid_bayes::<E>(0.1, 0.5, 100), ScalarPrior::default());
-    // The truth is drawn at random: over 100 runs an approximation may be lucky by a per cent.
+    // The true parameters are drawn at random, so over 100 runs an approximation may be better by one per cent by
+    // chance.
     assert!(found.rmse > 0.97 * found.exact_rmse, "better than exact Bayes, which cannot be: {found:?}");
     assert!(found.rmse < 0.7 * prior.a.1.sqrt(), "the estimate hardly learns from the record: {found:?}");
     assert!(found.nees.is_finite() && found.nees > 0.0, "{found:?}");
@@ -59,11 +61,11 @@ pub fn check_expectation<E: ConditionalExpectations<Scalar = f64>>() {
 /// Structures (observability indices, number of inputs) on which two expectations are compared.
 const STRUCTURES: [(&[usize], usize); 3] = [(&[2, 1], 2), (&[3], 1), (&[1, 2, 2], 3)];
 
-/// Largest relative difference that rounding makes between two ways of writing one expectation.
+/// Largest relative difference that rounding causes between two implementations of one expectation.
 const SAME: f64 = 1e-9;
 
-/// Compares two expectations that these options make equal, such as an expectation of your own and a built-in one:
-/// estimate and covariance after random records with outputs that are missing and noise that changes, whose six
+/// Compares two expectations that these options make equal, such as an expectation of your own and a built-in one. It
+/// compares estimate and covariance after random records with missing outputs and changing noise, whose six
 /// covariances are all present.
 ///
 /// ```
@@ -75,7 +77,7 @@ const SAME: f64 = 1e-9;
 /// ```
 ///
 /// # Panics
-/// Where they differ by more than rounding.
+/// Panics if they differ by more than rounding.
 pub fn same_expectations<A, B>(a: &A::Options, b: &B::Options)
 where
     A: ConditionalExpectations<Scalar = f64>,

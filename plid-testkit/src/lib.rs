@@ -1,4 +1,4 @@
-//! Conformance tests for anybody's covariance form, conditional expectation or backend.
+//! Conformance tests for user-defined covariance forms, conditional expectations and backends.
 //!
 //! A one-line test runs plid's own conformance tests on a type:
 //!
@@ -9,9 +9,10 @@
 //! plid_testkit::check_scalar_update::<BiermanUd<Plain<f64>>>();
 //! ```
 //!
-//! - [`check_form`]: the dense recursion in double-double, positivity, checkpoints, missing outputs, permuted and
-//!   rescaled channels, forgetting, parameter noise, a warm start, and no allocation in a step.
-//! - [`check_expectation`]: the same properties as far as they hold for any expectation, and exact Bayes on a grid.
+//! - [`check_form`]: comparison with the dense recursion in double-double, positivity, checkpoints, missing outputs,
+//!   permuted and rescaled channels, forgetting, parameter noise, a warm start, and no allocation in a step.
+//! - [`check_expectation`]: those of these properties that hold for any expectation, and comparison with exact Bayes
+//!   on a grid.
 //! - [`same_expectations`]: two expectations that should be equal.
 //! - [`check_backend`]: all of plid's forms on the backend.
 //! - [`check_scalar_update`]: the measurement update by any row.
@@ -19,7 +20,8 @@
 //! Each panics with the figures if something is wrong. The crate counts allocations and therefore installs the global
 //! allocator of `allocation-counter` in the program that links it: make it a dev-dependency.
 
-/// One `#[test]` per backend: `check`, which takes a [`run::Variant`], for each form with each expectation.
+/// Defines one `#[test]` per backend. It calls `check`, which takes a [`run::Variant`], for each form with each
+/// expectation.
 #[macro_export]
 macro_rules! test_every_variant {
     ($check:ident: $($name:ident = $backend:ty),* $(,)?) => {
@@ -53,11 +55,11 @@ pub use expectation::{Calibration, check_expectation, grid_bayes, same_expectati
 use plid_core::{Backend, Form, Scalar, ScalarOf};
 use reference::Kind;
 
-/// Holds a covariance form to what plid's own forms are held to, with each of plid's conditional expectations.
-/// Forgetting and parameter noise are checked where the form offers them.
+/// Checks a covariance form as plid's own forms are checked, with each of plid's conditional expectations. Forgetting
+/// and parameter noise are checked if the form supports them.
 ///
 /// # Panics
-/// Where it does not conform.
+/// Panics if it does not conform.
 pub fn check_form<C: Form>() {
     let variants = run::with_every_expectation::<C>();
     variants.iter().for_each(oracle::agrees_with_the_dense_recursion);
@@ -71,10 +73,10 @@ pub fn check_form<C: Form>() {
     properties::checkpoints(&variants);
 }
 
-/// Holds all of plid's forms to [`check_form`] on a backend.
+/// Checks all of plid's forms on a backend with [`check_form`].
 ///
 /// # Panics
-/// Where a form does not conform on it.
+/// Panics if a form does not conform on it.
 pub fn check_backend<B: Backend>() {
     use plid_variants::covariance::*;
     macro_rules! each {

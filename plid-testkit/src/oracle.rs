@@ -1,4 +1,5 @@
-//! Every variant against the dense recursion in double-double: 200 random steps, full noise model.
+//! Comparison of every variant with the dense recursion in double-double over 200 random steps with a full noise
+//! model.
 
 use std::sync::LazyLock;
 
@@ -10,7 +11,8 @@ use plid_core::kernels::Kernels;
 use plid_core::{NoiseModel, Scalar};
 use qd::Quad;
 
-/// n = 4..12, p and m = 1..3, unequal indices; noise that changes, missing outputs and a full P0 among them.
+/// The cases, with n = 4..12, p and m = 1..3 and unequal indices. Some have changing noise, missing outputs or a full
+/// P0.
 static CASES: LazyLock<Vec<Case>> = LazyLock::new(|| {
     let plain = Options::default();
     let changing = Options { noise_models: 3, ..plain };
@@ -29,8 +31,8 @@ static CASES: LazyLock<Vec<Case>> = LazyLock::new(|| {
     ]
 });
 
-/// R = 0, and no state noise where a block begins: these states are then known exactly, and P is singular in every
-/// step.
+/// Returns a case with R = 0 and without state noise at the beginning of a block. These states are then known
+/// exactly, and P is singular in every step.
 fn without_sensor_noise() -> Case {
     let mut case = random_case(&[2, 3, 2], 1, Options::default(), 9);
     case.noise = vec![NoiseModel::diagonal(&[0.0; 3], &[0.0], &[0.0, 0.1, 0.0, 0.2, 0.1, 0.0, 0.3])];
@@ -53,11 +55,12 @@ static REFERENCE: LazyLock<Vec<Vec<Outcome>>> = LazyLock::new(|| {
     CASES.iter().map(|case| KINDS.iter().map(|&kind| run(case, kind)).collect()).collect()
 });
 
-/// In f32 a run of 200 steps may lose as many roundoffs as it was seen to lose in f64 (at most 50, see the printed
-/// figures), a factor of 4 for the data, which f32 rounds too, and another of 5 in hand.
+/// The tolerance for a run of 200 steps in f32. It is the number of roundoffs that was observed in f64 (at most 50,
+/// see the printed figures), with a factor of 4 for the data, which f32 also rounds, and another factor of 5 as a
+/// margin.
 const F32: f64 = 1000.0 * 6e-8;
 
-/// The largest relative differences of s and P that are let pass.
+/// Returns the largest permissible relative difference of s and P.
 fn tolerance<S: Scalar>() -> f64 {
     if S::EPSILON < 1e-20 {
         1e-25
@@ -80,7 +83,8 @@ pub fn agrees_with_the_dense_recursion<S: Kernels>(variant: &Variant<S>) {
     }
 }
 
-/// Two phases are one (section 4): a single step from a full P0, the dense recursion in the same scalar.
+/// Checks that two phases are equivalent to one (section 4), by a single step from a full P0 and the dense recursion
+/// in the same scalar.
 pub fn one_step_is_eq_8_to_10<S: Kernels>(variant: &Variant<S>) {
     for (seed, missing) in [(31, 0.0), (32, 0.0), (33, 0.4)] {
         let options = Options { steps: 1, full_initial: true, missing, ..Options::default() };

@@ -17,7 +17,8 @@ use proptest::test_runner::{RngSeed, TestRunner};
 
 const STEPS: usize = 60;
 
-/// A random structure, noise level, record, some of them with missing outputs, changing noise or a full P0.
+/// Returns cases of random structure, noise level and record, some of them with missing outputs, changing noise or a
+/// full P0.
 fn cases() -> impl Strategy<Value = Case> {
     let options = (-3.0..0.0_f64, 1..3_usize, prop_oneof![Just(0.0), 0.05..0.4_f64], any::<bool>()).prop_map(
         |(level, noise_models, missing, full_initial)| Options {
@@ -33,8 +34,8 @@ fn cases() -> impl Strategy<Value = Case> {
 }
 
 fn config() -> ProptestConfig {
-    // The same cases on every run: a property that fails one time in a hundred helps nobody who broke nothing.
-    // For other cases set PROPTEST_RNG_SEED, for more PROPTEST_CASES.
+    // Every run has the same cases, because an occasional failure would not help a developer who changed nothing.
+    // PROPTEST_RNG_SEED selects other cases, and PROPTEST_CASES sets their number.
     let asked = ProptestConfig::default();
     let rng_seed = match asked.rng_seed {
         RngSeed::Random => RngSeed::Fixed(1995),
@@ -44,7 +45,7 @@ fn config() -> ProptestConfig {
     ProptestConfig { cases, rng_seed, failure_persistence: None, ..asked }
 }
 
-/// The permutation of s that goes with the outputs in the order `order`: new entry -> old entry.
+/// Returns the permutation of s for the outputs in the order `order`, from new entry to old entry.
 fn permuted_places(indices: &[usize], inputs: usize, order: &[usize]) -> Vec<usize> {
     let n: usize = indices.iter().sum();
     let start = |i: usize| indices[..i].iter().sum::<usize>();
@@ -85,7 +86,8 @@ fn permuted(case: &Case, order: &[usize]) -> Case {
     other
 }
 
-/// Outputs in units alpha_i times smaller, inputs beta_j times: the factors of w, v, xi and of s.
+/// Returns the factors of the states and of s for outputs in units that are alpha_i times smaller, and for inputs in
+/// units that are beta_j times smaller.
 fn factors(case: &Case, alpha: &[f64], beta: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let states: Vec<f64> = case.indices.iter().zip(alpha).flat_map(|(&n, &a)| vec![a; n]).collect();
     let columns = std::iter::once(1.0).chain(alpha.iter().map(|a| 1.0 / a)).chain(beta.iter().map(|b| 1.0 / b));
@@ -124,7 +126,7 @@ fn rescaled(case: &Case, alpha: &[f64], beta: &[f64]) -> Case {
     other
 }
 
-/// |found - factors x original| over |original|, of s and of P.
+/// Returns |found - factors x original| over |original|, for s and for P.
 fn transformed_difference<S: Kernels>(
     variant: &Variant<S>,
     original: &Case,
@@ -145,7 +147,7 @@ fn smallest_eigenvalue(p: &Dense<f64>) -> (f64, f64) {
     (eigenvalues.min(), eigenvalues.max())
 }
 
-/// P is symmetric to the bit and positive semidefinite, and its health says so.
+/// P is exactly symmetric and positive semidefinite, and its health states this.
 fn stays_a_covariance<S: Kernels>(variant: &Variant<S>, case: &Case) {
     let run = variant.finish(case);
     let p = run.covariance().own_dense();
@@ -161,8 +163,8 @@ fn stays_a_covariance<S: Kernels>(variant: &Variant<S>, case: &Case) {
     assert!(health.index < p.rows());
 }
 
-/// Limit on the effect of rounding on a run. The matrix forms subtract: the remaining P has the roundoff of the largest
-/// P that there was, and the gain divides by R.
+/// Returns a limit on the effect of rounding on a run. The matrix forms subtract, so the remaining P has the roundoff
+/// of the largest earlier P, and the gain divides by R.
 fn rounding<S: Kernels>(variant: &Variant<S>, case: &Case) -> f64 {
     let mut run = variant.with_form::<BiermanUd<Plain<S>>>().on(case);
     let mut largest = outcome(&run).1.norm();
@@ -181,7 +183,7 @@ fn agrees_with<S: Kernels>(variant: &Variant<S>, case: &Case) {
     assert!(ds < limit && dp < limit, "{}: s {ds:.1e}, P {dp:.1e}, not {limit:.1e}", variant.label());
 }
 
-/// Continuing from a checkpoint, through JSON, gives the bits of the run that was not interrupted.
+/// A run continued from a checkpoint, through JSON, is bit-identical to the run that was not interrupted.
 fn continues_from_a_checkpoint<S: Kernels>(variant: &Variant<S>, case: &Case) {
     let whole = variant.finish(case);
     let mut first = variant.on(case);
@@ -204,7 +206,7 @@ fn bits(x: &[f64]) -> Vec<u64> {
     x.iter().map(|e| e.to_bits()).collect()
 }
 
-/// Given the same noise model before each step, or once: the same bits.
+/// The results are bit-identical whether the same noise model is given before each step or once.
 fn same_noise_changes_nothing<S: Kernels>(variant: &Variant<S>, case: &Case) {
     let mut constant = case.clone();
     constant.noise.truncate(1);
@@ -216,9 +218,9 @@ fn same_noise_changes_nothing<S: Kernels>(variant: &Variant<S>, case: &Case) {
     assert_eq!(run.checkpoint(), variant.finish(&constant).checkpoint(), "{}", variant.label());
 }
 
-/// Nothing measured: x <- A^ x + B^ u (and the covariance of a_i and x_{c_i}, where moments are matched), the
-/// parameters as they were, their covariance too but for rounding, because a form may transform its whole factor; and
-/// a step whose outputs are all missing leaves no innovation.
+/// A step without measurements gives x <- A^ x + B^ u (plus the covariance of a_i and x_{c_i} if moments are
+/// matched). The parameters do not change. Their covariance changes only by rounding, because a form may transform
+/// its whole factor. A step whose outputs are all missing leaves no innovation.
 fn nothing_measured_is_a_time_update<S: Kernels>(variant: &Variant<S>, case: &Case) {
     let mut run = variant.finish(case);
     let before = identified(&run);
@@ -261,7 +263,8 @@ fn follows_the_channels<S: Kernels>(variant: &Variant<S>, case: &Case, order: &[
     assert!(ds < limit && dp < limit, "{} rescaled: s {ds:.1e}, P {dp:.1e}", variant.label());
 }
 
-/// Compares P / lambda at each step with the dense recursion. A form that says that it cannot forget is skipped.
+/// Compares the division of P by lambda at each step with the dense recursion. A form that reports that it cannot
+/// forget is skipped.
 fn forgets<S: Kernels>(variant: &Variant<S>, case: &Case, forgetting: f64) {
     let limit = rounding(variant, case);
     let mut case = case.clone();
@@ -283,7 +286,7 @@ fn forgets<S: Kernels>(variant: &Variant<S>, case: &Case, forgetting: f64) {
     assert!(ds < limit && dp < limit, "{}: s {ds:.1e}, P {dp:.1e}, not {limit:.1e}", variant.label());
 }
 
-/// Runs `property` over random cases, the same ones on every run.
+/// Checks `property` on random cases, which are the same on every run.
 fn for_all<T: Strategy>(inputs: T, property: impl Fn(T::Value)) {
     let outcome = TestRunner::new(config()).run(&inputs, |input| {
         property(input);
@@ -294,7 +297,7 @@ fn for_all<T: Strategy>(inputs: T, property: impl Fn(T::Value)) {
     }
 }
 
-/// All properties of plid's own expectations with a form.
+/// Checks all properties of plid's own expectations with a form.
 pub fn check<S: Kernels>(variants: &[Variant<S>]) {
     for_all(cases(), |case| {
         for variant in variants {
@@ -317,7 +320,7 @@ pub fn check<S: Kernels>(variants: &[Variant<S>]) {
     });
 }
 
-/// The properties of any expectation.
+/// Checks the properties of any expectation.
 pub fn check_expectation<E: ConditionalExpectations<Scalar = f64>>() {
     let direct = &Variant::of::<Direct<Plain<f64>>, E>();
     for_all(cases(), |case| {
@@ -334,14 +337,14 @@ pub fn check_expectation<E: ConditionalExpectations<Scalar = f64>>() {
     });
 }
 
-/// Checkpoints in any scalar.
+/// Checks checkpoints in any scalar.
 pub fn checkpoints<S: Kernels>(variants: &[Variant<S>]) {
     let case = random_case(&[2, 1], 1, Options { steps: STEPS, ..Options::default() }, 4);
     variants.iter().for_each(|variant| continues_from_a_checkpoint(variant, &case));
 }
 
-/// Over a round of as many steps as there are parameters, every form must add q a step to each parameter. A form that
-/// says that it cannot is skipped.
+/// Over as many steps as there are parameters, every form must add a variance of q per step to each parameter. A form
+/// that reports that it cannot do so is skipped.
 pub fn parameter_noise_adds_up<C: Form>() {
     let form = ObservableForm::new(&[2, 1], 1).unwrap();
     let case = random_case(&[2, 1], 1, Options { full_initial: true, ..Options::default() }, 8);

@@ -1,11 +1,11 @@
-//! The recursion with F, G and H as dense matrices: Eq. 8-10 in one phase, and the moment-matched and extended filters
-//! with their sums over parameter pairs as they are written.
+//! The recursion with F, G and H as dense matrices. It contains Eq. 8-10 in one phase, and the moment-matched and
+//! extended filters with explicit sums over parameter pairs.
 
 use plid_core::{InitialCovariance, NoiseModel, Scalar, Settings};
 
 use crate::dense::Mat;
 
-/// Which conditional expectation.
+/// The kind of conditional expectation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Prior,
@@ -26,7 +26,7 @@ pub struct Reference<S> {
     m: usize,
     /// The last state of each block.
     rows: Vec<usize>,
-    /// J, dense.
+    /// J as a dense matrix.
     shift: Mat<S>,
     pub s: Mat<S>,
     pub p: Mat<S>,
@@ -44,7 +44,7 @@ struct Measured<S> {
     p: Mat<S>,
 }
 
-/// E[eta eta^T] of eta = [w; v; xi], all outputs.
+/// Returns E[eta eta^T] of eta = [w; v; xi] with all outputs.
 pub fn joint_covariance(noise: &NoiseModel) -> Mat<f64> {
     let (p, m, n) = (noise.sensor.rows(), noise.actuator.rows(), noise.state.rows());
     let mut q = Mat::zeros(p + m + n, p + m + n);
@@ -63,12 +63,12 @@ pub fn joint_covariance(noise: &NoiseModel) -> Mat<f64> {
     q
 }
 
-/// F P F^T of a symmetric P, the sparse F on the left of both products.
+/// Returns F P F^T for a symmetric P, with the sparse F on the left of both products.
 fn congruence<S: Scalar>(f: &Mat<S>, p: &Mat<S>) -> Mat<S> {
     f * &(f * p).t()
 }
 
-/// Actuator noise v and state noise xi, given the noise w of the outputs that are there.
+/// Actuator noise v and state noise xi, given the noise w of the available outputs.
 struct Decorrelated<S> {
     /// E[v w^T] R^{-1} and E[xi w^T] R^{-1}.
     l: Mat<S>,
@@ -80,7 +80,7 @@ struct Decorrelated<S> {
 }
 
 impl<S: Scalar> Decorrelated<S> {
-    /// Computes them from the joint covariance of eta = [w; v; xi], which have p, m and n entries.
+    /// Computes them from the joint covariance of eta = [w; v; xi], whose parts have p, m and n entries.
     fn of(joint: &Mat<f64>, (p, m, n): (usize, usize, usize), there: &[usize]) -> Self {
         let k = there.len();
         let part = |rows: &[usize], columns: &[usize]| {
@@ -88,7 +88,7 @@ impl<S: Scalar> Decorrelated<S> {
         };
         let (vs, xis): (Vec<usize>, Vec<usize>) = ((p..p + m).collect(), (p + m..p + m + n).collect());
         let (s_vw, s_wxi) = (part(&vs, there), part(there, &xis));
-        // Without cross-covariances L = M = 0, whatever R is; zero among others.
+        // Without cross-covariances, L = M = 0 for any R, including zero.
         let correlated = s_vw.norm() > 0.0 || s_wxi.norm() > 0.0;
         let r_inverse = if correlated { part(there, there).inverse() } else { Mat::zeros(k, k) };
         let l = &s_vw * &r_inverse;
@@ -138,7 +138,7 @@ impl<S: Scalar> Reference<S> {
             Kind::MomentMatched => self.moments(&measured, true, z, u, &joint),
             Kind::JointEkf => self.moments(&measured, false, z, u, &joint),
         }
-        // An antisymmetric rounding error would not be damped by the gain but grow with the estimated A.
+        // The gain would not damp an antisymmetric rounding error, which would grow with the estimated A.
         let half = self.forgetting * S::from_f64(0.5);
         self.p = (&self.p + &self.p.t()).scaled(half);
     }
@@ -162,12 +162,12 @@ impl<S: Scalar> Reference<S> {
         Measured { there, h, innovation, re_inverse, re, s, p }
     }
 
-    /// Entry r of parameter column t, as its place in s.
+    /// Returns the position in s of entry r of parameter column t.
     fn place(&self, t: usize, r: usize) -> usize {
         (1 + t) * self.n + r
     }
 
-    /// Eq. 8-10 with E[G] from the parameters `theta` and E[G Q0 G^T] from these and their covariance `cov`.
+    /// Applies Eq. 8-10 with E[G] from the parameters `theta` and E[G Q0 G^T] from these and their covariance `cov`.
     fn one_phase(
         &mut self,
         measured: &Measured<S>,
@@ -180,10 +180,10 @@ impl<S: Scalar> Reference<S> {
         let (n, m, p, size) = (self.n, self.m, z.len(), self.s.rows);
         let there = &measured.there;
         let k = there.len();
-        // eta = [w of the outputs that are there; v; xi].
+        // eta = [w of the available outputs; v; xi].
         let kept: Vec<usize> = there.iter().copied().chain(p..p + m + n).collect();
         let q0 = Mat::from_fn(kept.len(), kept.len(), |a, b| S::from_f64(joint[(kept[a], kept[b])]));
-        // The parameter column that noise a multiplies, and its sign in G.
+        // Returns the parameter column that noise a multiplies, and its sign in G.
         let parameter = |a: usize| -> Option<(S, usize)> {
             if a < k {
                 Some((-S::one(), there[a]))
@@ -214,7 +214,7 @@ impl<S: Scalar> Reference<S> {
             }
         }
         let g_s = &mean_g * &q0.block(0, 0, kept.len(), k);
-        // F_k with z_i, or x+_{c_i} where z_i is missing.
+        // F_k with z_i, or with x+_{c_i} if z_i is missing.
         let mut f = Mat::identity(size);
         for r in 0..n {
             f[(r, r)] = S::zero();
@@ -232,7 +232,8 @@ impl<S: Scalar> Reference<S> {
         let ph = &self.p * &measured.h.t();
         let gain = &(&(&f * &ph) + &g_s) * &measured.re_inverse;
         self.s = &(&f * &self.s) + &(&gain * &measured.innovation);
-        // A missing output makes a_i x_{c_i} a product of unknowns: its derivative by x_{c_i} is a_i.
+        // With a missing output, a_i x_{c_i} is a product of unknowns, whose derivative with respect to x_{c_i} is
+        // a_i.
         for i in (0..p).filter(|i| !there.contains(i)) {
             for r in 0..n {
                 f[(r, self.rows[i])] += theta[(self.place(i, r), 0)];
@@ -243,7 +244,7 @@ impl<S: Scalar> Reference<S> {
         self.p = &advanced - &(&(&gain * &measured.re) * &gain.t());
     }
 
-    /// Adds to the mean and the covariance of the next state what the parameters' covariances contribute.
+    /// Adds the contribution of the parameters' covariances to the mean and the covariance of the next state.
     fn add_covariance_terms(&self, cov: &Mat<S>, g: &[Mat<S>], q: &Mat<S>, drift: &mut Mat<S>, qbar: &mut Mat<S>) {
         let (n, m) = (self.n, self.m);
         let p = g.len() - m;
@@ -268,8 +269,8 @@ impl<S: Scalar> Reference<S> {
         }
     }
 
-    /// The moments of the next state if s given z_k is Gaussian, or without those that come from the parameters'
-    /// covariances.
+    /// Applies the moments of the next state if s given z_k is Gaussian, with or without the terms from the
+    /// parameters' covariances.
     fn moments(&mut self, measured: &Measured<S>, covariances: bool, z: &[f64], u: &[f64], joint: &Mat<f64>) {
         let (n, m, p, size) = (self.n, self.m, z.len(), self.s.rows);
         let Measured { there, s, p: cov, .. } = measured;
@@ -291,7 +292,7 @@ impl<S: Scalar> Reference<S> {
         let mut phi: Vec<S> = self.rows.iter().map(|&row| s[(row, 0)]).collect();
         let lr = &l * &residual;
         phi.extend((0..m).map(|j| S::from_f64(u[j]) + lr[(j, 0)]));
-        // g_t: what multiplies parameter column t, as a row over x.
+        // g_t is the factor of parameter column t, as a row that multiplies x.
         let lc = &l * &c;
         let g: Vec<Mat<S>> = (0..p + m)
             .map(|t| {

@@ -1,4 +1,4 @@
-//! Runs over cases, and what is compared of them.
+//! Runs over cases, and the quantities that are compared.
 
 use plid_core::kernels::{BadPivot, Kernels};
 use plid_core::{
@@ -32,7 +32,7 @@ impl<S> HasKind for expectations::JointEkf<S> {
     const KIND: Kind = Kind::JointEkf;
 }
 
-/// A run whose form and expectation are not known by type.
+/// A run whose form and expectation are type-erased.
 pub type Run<S> = Identifier<dyn AnyForm<Scalar = S>, dyn ConditionalExpectations<Scalar = S>>;
 
 type StartForm<S> = fn(&dyn ImplicitModel, &InitialCovariance) -> Result<Box<dyn AnyForm<Scalar = S>>, BadPivot>;
@@ -43,8 +43,8 @@ fn start_form<C: Form>() -> StartForm<ScalarOf<C>> {
 
 /// A covariance form with a conditional expectation.
 ///
-/// Their types are erased, so that the compiler makes each check once per scalar and not once per form, expectation and
-/// backend.
+/// Their types are erased, so that the compiler generates each check once per scalar and not once per form,
+/// expectation and backend.
 #[derive(Clone, Debug)]
 pub struct Variant<S: Kernels> {
     form_name: String,
@@ -55,7 +55,7 @@ pub struct Variant<S: Kernels> {
 }
 
 impl<S: Kernels> Variant<S> {
-    /// Form `C` with expectation `E`.
+    /// Returns form `C` with expectation `E`.
     pub fn of<C: Form<Scalar = S>, E: ConditionalExpectations<Scalar = S>>() -> Self {
         Self {
             form_name: short_name::<C>(),
@@ -70,28 +70,28 @@ impl<S: Kernels> Variant<S> {
         Self { kind: Some(E::KIND), ..Self::of::<C, E>() }
     }
 
-    /// This variant's expectation with form `C`.
+    /// Returns the expectation of this variant with form `C`.
     pub fn with_form<C: Form<Scalar = S>>(&self) -> Self {
         Self { form_name: short_name::<C>(), form: start_form::<C>(), ..self.clone() }
     }
 
-    /// Which of the dense references it must agree with.
+    /// Returns the kind of dense reference with which it must agree.
     ///
     /// # Panics
-    /// If there is none, because the expectation is not one of plid's own.
+    /// Panics if there is none, because the expectation is not one of plid's own.
     pub fn kind(&self) -> Kind {
         self.kind.expect("a built-in expectation")
     }
 
-    /// The names of form and expectation, for messages.
+    /// Returns the names of form and expectation for messages.
     pub fn label(&self) -> String {
         format!("{} {}", self.form_name, self.expectation_name)
     }
 
-    /// A run that is about to take its first sample.
+    /// Returns a run before its first sample.
     ///
     /// # Errors
-    /// As [`Identifier::begin`].
+    /// Returns the errors of [`Identifier::begin`].
     pub fn begin(
         &self,
         form: ObservableForm,
@@ -102,13 +102,13 @@ impl<S: Kernels> Variant<S> {
         Run::begin(form, noise, settings, self.form, expectation)
     }
 
-    /// A run that is about to take the first sample of a case.
+    /// Returns a run before the first sample of a case.
     pub fn on(&self, case: &Case) -> Run<S> {
         let form = ObservableForm::new(&case.indices, case.inputs).unwrap();
         self.begin(form, &case.noise[0], &case.settings).unwrap()
     }
 
-    /// The run after the last sample of a case.
+    /// Returns the run after the last sample of a case.
     pub fn finish(&self, case: &Case) -> Run<S> {
         let mut run = self.on(case);
         for k in 0..case.z.len() {
@@ -124,7 +124,7 @@ macro_rules! with_every_expectation {
     };
 }
 
-/// Form `C` with each of plid's expectations.
+/// Returns form `C` with each of plid's expectations.
 pub fn with_every_expectation<C: Form>() -> Vec<Variant<ScalarOf<C>>> {
     plid_variants::every_expectation!(with_every_expectation, [C])
 }
@@ -135,12 +135,12 @@ macro_rules! every_variant {
     };
 }
 
-/// Each of plid's forms on backend `B` with each of its expectations.
+/// Returns each of plid's forms on backend `B` with each of plid's expectations.
 pub fn every_variant<B: Backend>() -> Vec<Variant<B::Scalar>> {
     plid_variants::every_form!(every_variant, [B])
 }
 
-/// The run with form `C` and this expectation after the last sample of a case.
+/// Returns the run with form `C` and this expectation after the last sample of a case.
 pub(crate) fn finish_with<C: Form>(
     case: &Case,
     expectation: impl FnOnce(&dyn ImplicitModel) -> Box<dyn ConditionalExpectations<Scalar = ScalarOf<C>>>,
@@ -154,10 +154,10 @@ pub(crate) fn finish_with<C: Form>(
     run
 }
 
-/// The step `k` of a case.
+/// Takes step `k` of a case.
 ///
 /// # Errors
-/// As [`Identifier::step`].
+/// Returns the errors of [`Identifier::step`].
 pub fn take<S: Kernels>(run: &mut Run<S>, case: &Case, k: usize) -> Result<(), IdentifierError> {
     if case.noise.len() > 1 {
         run.set_noise(case.noise_at(k))?;
@@ -165,18 +165,18 @@ pub fn take<S: Kernels>(run: &mut Run<S>, case: &Case, k: usize) -> Result<(), I
     run.step_with_missing(&case.z[k], &case.u[k])
 }
 
-/// The plant of a run's estimate.
+/// Returns the plant of a run's estimate.
 pub fn identified<S: Kernels>(run: &Run<S>) -> IdentifiedModel {
     IdentifiedModel::from_estimate(run.model(), run.estimate(), &run.covariance().own_dense())
 }
 
-/// The double-double value of a scalar, exactly.
+/// Returns the exact value of a scalar in double-double.
 pub fn quad<S: Scalar>(x: S) -> qd::Quad {
     let [high, low] = x.to_parts();
     qd::Quad(high, low)
 }
 
-/// Estimate and covariance of a run in double-double.
+/// Returns estimate and covariance of a run in double-double.
 pub fn outcome<S: Kernels>(run: &Run<S>) -> (Mat<qd::Quad>, Mat<qd::Quad>) {
     let s = Mat::column(&run.estimate().iter().map(|&x| quad(x)).collect::<Vec<_>>());
     (s, widen(&run.covariance().own_dense()))
@@ -187,12 +187,12 @@ pub fn widen<S: Scalar>(p: &plid_core::Dense<S>) -> Mat<qd::Quad> {
     Mat::from_fn(p.rows(), p.columns(), |i, j| quad(p.at(i, j)))
 }
 
-/// |a - b| / |b| in the Frobenius norm.
+/// Returns |a - b| / |b| in the Frobenius norm.
 pub fn relative(a: &Mat<qd::Quad>, b: &Mat<qd::Quad>) -> f64 {
     (a - b).norm() / b.norm()
 }
 
-/// The name of a type without its modules.
+/// Returns the name of a type without its modules.
 fn short_name<T>() -> String {
     let name = std::any::type_name::<T>();
     name.split_inclusive(['<', ',', '>', ' ']).map(|part| part.rsplit("::").next().unwrap_or(part)).collect()

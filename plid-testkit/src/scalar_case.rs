@@ -16,7 +16,7 @@ const STEPS: usize = 200;
 /// A plant drawn from [`ScalarPrior`], and its record under a random binary input.
 #[derive(Clone, Debug)]
 pub struct ScalarCase {
-    /// The plant's a.
+    /// The parameter a of the plant.
     pub a: f64,
     sigma: f64,
     r: f64,

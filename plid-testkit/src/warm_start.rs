@@ -5,14 +5,14 @@ use plid_core::{InitialCovariance, NoiseModel, ObservableForm, Settings};
 
 use crate::run::Variant;
 
-/// Three outputs and inputs of sample `k`.
+/// Returns three outputs and three inputs of sample `k`.
 fn sample(k: usize) -> ([f64; 3], [f64; 3]) {
     let wave = |rate: f64| (rate * k as f64).sin();
     ([wave(0.31), wave(0.47), wave(0.83)], [wave(1.7), wave(2.3), wave(2.9)])
 }
 
 pub fn goes_on<S: Kernels>(variant: &Variant<S>) {
-    // Large enough for kernels that take columns and rows in packs.
+    // The form is large enough for kernels that process columns and rows in packs.
     let form = ObservableForm::new(&[7, 7, 6], 3).unwrap();
     let noise = NoiseModel::diagonal(&[1e-2; 3], &[1e-3; 3], &[1e-4; 20]);
     let settings = Settings::new(&form, 1.0, 1.0);

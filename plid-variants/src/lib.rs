@@ -1,14 +1,14 @@
-//! Covariance forms and conditional expectations of plid: one file a variant.
+//! Covariance forms and conditional expectations of plid, with one file per variant.
 //!
-//! A covariance form says how P is carried through a step ([`covariance`]); a conditional expectation says what is
-//! taken as known of the parameters when the noise enters ([`expectations`]). Any pair makes an
-//! [`plid_core::Identifier`].
+//! A covariance form determines how P is represented and updated in a step ([`covariance`]). A conditional
+//! expectation determines what is taken as known of the parameters when the noise enters ([`expectations`]). Any pair
+//! of them forms a [`plid_core::Identifier`].
 
 pub mod covariance;
 pub mod expectations;
 
-/// The one list of covariance forms: hands each form's documentation, name and type to the macro `$then`, after any
-/// further arguments. The catalogue, the tests and the benches take it from here.
+/// The only list of covariance forms. It passes the documentation, name and type of each form to the macro `$then`,
+/// after any further arguments. The catalogue, the tests and the benches use it.
 #[macro_export]
 macro_rules! every_form {
     ($then:ident $(, $argument:tt)*) => {

@@ -1,7 +1,8 @@
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Does one part of a larger work, such as one case of many. If it panics, the error is what the panic said.
+/// Carries out one part of a larger task, such as one case of many. If it panics, the error is the message of the
+/// panic.
 ///
 /// Data that the part was changing when it panicked must not be used afterwards.
 ///

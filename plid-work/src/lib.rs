@@ -1,5 +1,5 @@
-//! Work that takes long: how it reports its progress and is interrupted, how several machines share it, and how a part
-//! that panics does not take the others with it.
+//! Support for long calculations: progress reports and interruption, sharing among several machines, and the
+//! isolation of a part that panics.
 
 mod caught;
 mod progress;

@@ -7,23 +7,24 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// The file in the folder of a shard whose presence says that the shard is complete.
+/// The file in the folder of a shard whose presence shows that the shard is complete.
 pub const SHARD: &str = "shard.json";
 
-/// The folder of all shards in the folder of the whole work.
+/// The folder of all shards in the folder of the whole task.
 pub const SHARDS: &str = "shards";
 
-/// A shard of the parts of a work, such as cases or runs: every `of`-th one, starting at `number`.
+/// A shard of a task that consists of parts, such as cases or runs. It contains every `of`-th part, starting at
+/// `number`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "Numbers")]
 pub struct Shard {
-    /// From 1 to `of`.
+    /// Number of the shard, from 1 to `of`.
     pub number: usize,
     /// Total number of shards.
     pub of: usize,
 }
 
-/// A shard as a file states it.
+/// A shard as it is stored in a file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Numbers {
@@ -47,7 +48,7 @@ impl Shard {
         index % self.of == self.number - 1
     }
 
-    /// Returns the shard's own folder in the folder of the whole work.
+    /// Returns the shard's own folder in the folder of the whole task.
     #[must_use]
     pub fn folder(self, whole: &Path) -> PathBuf {
         whole.join(SHARDS).join(format!("{}-of-{}", self.number, self.of))
@@ -72,7 +73,8 @@ impl FromStr for Shard {
     }
 }
 
-/// Returns the folders of the shards in the folder of the whole work, sorted by name; none if no shard was begun.
+/// Returns the folders of the shards in the folder of the whole task, sorted by name. There are none if no shard was
+/// begun.
 ///
 /// # Errors
 /// Returns the error of the file system.
@@ -87,13 +89,14 @@ pub fn shard_folders(whole: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-/// Largest number of missing shards that are named: a file may speak of any number of them.
+/// Largest number of missing shards that are named, because a file may state any number of shards.
 const NAMED: usize = 20;
 
-/// Checks that each shard of a work is among `found` exactly once, and returns how many there are.
+/// Checks that each shard of a task is among `found` exactly once, and returns their number.
 ///
 /// # Errors
-/// Returns a sentence with the number of a shard that is missing, given twice, or of another number of shards.
+/// Returns a sentence with the number of a shard that is missing, that occurs twice, or that belongs to a division
+/// into another number of shards.
 pub fn require_whole(found: &[(Shard, PathBuf)]) -> Result<usize, String> {
     let Some((Shard { of, .. }, _)) = found.first() else { return Err("there is no shard to merge".to_owned()) };
     let mut places = BTreeMap::new();

@@ -76,7 +76,7 @@ def of_arrays(found: dict[str, Any], path: str) -> _plid.Model:
     keys.setdefault("format", "state-space")
     keys["sample_rate_hz"] = float(np.ravel(found["sample_rate_hz"])[0])
     keys |= {key: np.atleast_2d(found[key]).tolist() for key in MATRICES if key in found}
-    # MATLAB's numbers are floating-point, indices too.
+    # MATLAB stores all numbers as floating-point numbers, even indices.
     of = {"observability_indices": int}
     keys |= {key: np.ravel(found[key]).astype(of.get(key, float)).tolist() for key in VECTORS if key in found}
     keys.setdefault("inputs", [f"u{k + 1}" for k in range(np.size(found["B"]) // n)])

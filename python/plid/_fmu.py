@@ -59,7 +59,7 @@ def from_fmu(
         Samples per second, in Hz. By default a sample is one step of the FMU's default experiment.
     parameters : dict or sequence of str, optional
         Parameters of the FMU that may be wrong. The value None, or a `Parameter` whose value is NaN, takes the FMU's
-        own number. Bounds and units that a `Parameter` does not have are those of the FMU.
+        own value. Bounds and units that a `Parameter` does not have are those of the FMU.
     ports : sequence of FmuPort, optional
         Places that take a force.
     inputs : sequence of str, optional
@@ -114,7 +114,7 @@ def chosen(name: str, given: float | Parameter | None) -> dict[str, Any]:
 
 class _OfFmu(Simulator):
     def __init__(self, native: _plid.Fmu) -> None:
-        # A diagnosis takes the steps of this one itself.
+        # A diagnosis steps the native FMU itself.
         self.native = native
         known = json.loads(native.description())
         self.name: str = known["name"]

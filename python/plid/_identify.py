@@ -62,8 +62,8 @@ def identify(
     missing : bool, default False
         Whether NaN among the outputs is a missing sample. Otherwise it is an error.
     predictor : bool, default True
-        Whether to fit the gain of the one-step predictor, too, by `Model.with_predictor`, which describes how. The
-        model has no gain if none keeps its predictor bounded.
+        Whether to fit also the gain of the one-step predictor, as `Model.with_predictor` describes. The model has no
+        gain if no gain keeps its predictor bounded.
     progress : callable or bool, optional
         Receives lines of text. By default they go to standard error if it is a terminal; False turns them off.
 

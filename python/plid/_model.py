@@ -25,7 +25,7 @@ class Mode(NamedTuple):
         Their standard deviations. They are None if the model has no covariance or the mode has no
         first-order expansion.
     pole : complex
-        The pole in discrete time. Of a pair, it is the one with the positive imaginary part.
+        The pole in discrete time. For a pair, it is the one with the positive imaginary part.
     oscillatory : bool
         Whether the mode is a pair of poles.
     """
@@ -243,21 +243,21 @@ class Model:
     def with_predictor(self, u: Any, y: Any) -> Model:
         """Fit the gain of the one-step predictor, and return the model with it.
 
-        The gain is fitted to one-step errors over the first three quarters of the record, at most 30 000 samples of
-        them; the last quarter decides among a steady-state Kalman gain, its refinement and no feedback. Outputs count
-        relative to their size. The time grows with the samples, the outputs and the cube of the states. Ctrl-C takes
-        effect only at the end.
+        The gain is fitted to one-step errors over the first three quarters of the record, of which at most 30 000
+        samples are used. The last quarter decides among a steady-state Kalman gain, its refinement and no feedback.
+        Outputs count relative to their size. The time grows with the samples, the outputs and the cube of the states.
+        Ctrl-C takes effect only at the end.
 
         Parameters
         ----------
         u, y : array_like, shapes (samples, m), (samples, p)
-            Inputs and outputs as recorded, from rest at the operating point on. NaN among the outputs is a missing
-            sample.
+            Inputs and outputs as recorded, beginning at rest at the operating point. NaN among the outputs is a
+            missing sample.
 
         Returns
         -------
         Model
-            The same model with a `predictor_gain`. Its `provenance` says under "predictor" where the gain is from.
+            The same model with a `predictor_gain`. Its `provenance` states the origin of the gain under "predictor".
 
         Raises
         ------

@@ -34,7 +34,7 @@ KINDS = {
     "JOINTACTFRC": "force",
 }
 
-# MuJoCo's elements by how the names of their attributes begin, and numbers of joints.
+# MuJoCo's elements by the prefix of their attributes, and the parameters of joints.
 ELEMENTS = {"dof_": "joint", "jnt_": "joint", "geom_": "geom", "body_": "body", "actuator_": "actuator"}
 JOINT = {
     "damping": "dof_damping",
@@ -73,7 +73,7 @@ def from_mujoco(
         "joint.NAME.stiffness", "joint.NAME.armature", "body.NAME.mass" (its inertia follows), and "actuator.NAME.gain"
         (a factor, also on the stiffness of a position actuator). Any other number is named as in MjModel,
         "attribute:element" or, with several columns, "attribute:element:column", as in "geom_friction:floor:0". The
-        value None, or a `Parameter` whose value is NaN, takes the model's own number.
+        value None, or a `Parameter` whose value is NaN, takes the model's own value.
 
     Returns
     -------
@@ -165,7 +165,7 @@ class _Arm:
     def step(self, u: Array, forces: Array) -> Any:
         self.ctrl[self.actuators] = u
         self.applied[self.velocities] = forces
-        # The sensors that `mj_step` leaves are those of the start of the step.
+        # After `mj_step`, the sensors hold the values at the start of the step.
         self.mujoco.mj_step(self.model, self.data)
         y = self.sensed[self.seen]
         return (y, self._motions()) if len(self.moved) else y
@@ -245,11 +245,11 @@ class _Arm:
         row = array[at].reshape(-1)
         if not 0 <= column < row.size:
             raise ValueError(f"{attribute}:{element} has {row.size} columns, so there is no column {column}")
-        # A factor on 1: the number itself.
+        # The value itself, as a factor on 1.
         return _Number(float(row[column]), [(row[column : column + 1], np.ones(1))])
 
     def _row(self, attribute: str, kind: str, element: str, value: float) -> _Number:
-        """Return all entries of an element. They change in proportion to a number of this value."""
+        """Return a number with this value. All entries of an element change in proportion to it."""
         array, at = self._at(attribute, kind, element)
         row = array[at].reshape(-1)
         return _Number(value, [(row, row / value)])
@@ -258,7 +258,7 @@ class _Arm:
         index = self._id(getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), element, kind)
         if attribute.startswith("dof"):
             index = int(self.model.jnt_dofadr[index])
-        # A slice is a view, also of an array with one dimension.
+        # A slice is a view, even of an array with one dimension.
         return getattr(self.model, attribute), slice(index, index + 1)
 
     def _parameter(self, name: str, given: float | Parameter | None) -> Parameter:

@@ -107,7 +107,7 @@ class Simulator:
         name: str | None = None,
         patience: float = 600.0,
     ) -> None:
-        # The compiled half calls this one itself.
+        # The compiled module calls this `step` itself.
         step = getattr(simulator, "step", None)
         self.own_step = step if callable(step) else None
         if self.own_step is None and not callable(simulator):
@@ -130,7 +130,7 @@ class Simulator:
         self._kinds = dict(kinds)
 
     def description(self) -> str:
-        """Return the description as JSON, as `plid check-simulator` reads it."""
+        """Return the description as JSON, as `plid gap check-simulator` reads it."""
         return json.dumps(
             {
                 "name": self.name,

@@ -160,8 +160,8 @@ class Diagnosis:
         Warns
         -----
         UserWarning
-            If the inputs, or the motion at a port, clearly exceed those of the fitted records: the effects were not
-            seen there.
+            If the inputs or the motion at a port clearly exceed those of the fitted records, where the effects were
+            not observed.
         """
         given = channels(u, "u").samples
         expected = len(self._simulator.inputs)
@@ -287,8 +287,8 @@ def diagnose(
     material : float, default 0.02
         Smallest gap beyond the noise that matters, relative to the output.
     calls, seconds : int, float, optional
-        Largest number of runs of the simulator, on one record each, and longest time of them in all, in s. A search
-        that one of them ends has a warning that says what was left out. The default is 1000 runs and any time.
+        Largest number of runs of the simulator, each on one record, and their longest total time, in s. If one of
+        these limits ends the search, a warning states what was left out. The default is 1000 runs and any time.
     settings : dict, optional
         Thresholds by table, as in a case file: `{"in_loop": {"steps": 12}}`.
     progress : callable or bool, optional
@@ -304,7 +304,7 @@ def diagnose(
     ValueError
         If the records do not match each other or the simulator.
     RuntimeError
-        If the simulator fails as given. Its own exception is the cause.
+        If the simulator as given fails. Its own exception is the cause.
 
     Examples
     --------

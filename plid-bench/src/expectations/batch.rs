@@ -1,8 +1,8 @@
-//! Batch estimates of the scalar plant, which may use the whole record as often as necessary.
+//! Batch estimates of the scalar plant. They may use the whole record as often as necessary.
 
 use super::grid::{ScalarPrior, ScalarRecord};
 
-/// Sums over k of products of two series, for the normal equations of z_{k+1} = a z_k + b u_k.
+/// Returns the sum over k of the products of two series, for the normal equations of z_{k+1} = a z_k + b u_k.
 fn sum(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
     pairs.map(|(x, y)| x * y).sum()
 }
@@ -16,7 +16,7 @@ fn solve(normal: [[f64; 2]; 2], right: [f64; 2]) -> Option<[f64; 2]> {
     solution.iter().all(|x| x.is_finite()).then_some(solution)
 }
 
-/// Instruments (i_k, u_k) for the regressors (z_k, u_k), from sample `first` on.
+/// Solves the equations with the instruments (i_k, u_k) for the regressors (z_k, u_k), from sample `first` on.
 fn instrumental(record: &ScalarRecord<'_>, first: usize, instrument: impl Fn(usize) -> f64) -> Option<[f64; 2]> {
     let (z, u) = (record.z, record.u);
     let all = first..z.len().saturating_sub(1);
@@ -28,7 +28,7 @@ fn instrumental(record: &ScalarRecord<'_>, first: usize, instrument: impl Fn(usi
     solve([first, second], [right_first, right_second])
 }
 
-/// Least squares of z_{k+1} on z_k and u_k. The noise in z_k draws a towards zero.
+/// Least squares of z_{k+1} on z_k and u_k. The noise in z_k biases a towards zero.
 pub fn least_squares(record: &ScalarRecord<'_>) -> Option<[f64; 2]> {
     instrumental(record, 0, |k| record.z[k])
 }
@@ -39,19 +39,19 @@ pub fn instrumental_variable(record: &ScalarRecord<'_>) -> Option<[f64; 2]> {
     instrumental(record, 1, |k| record.u[k - 1])
 }
 
-/// The prior knowledge of (a, b).
+/// The prior knowledge about (a, b).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Knowledge {
-    /// Only |a| < 1: maximum likelihood.
+    /// Only |a| < 1, for maximum likelihood.
     Stable,
-    /// The prior: maximum a posteriori.
+    /// The prior, for maximum a posteriori.
     Prior,
 }
 
-/// The negative logarithm of likelihood (and prior) for this a, at its maximum over b, and that b.
+/// Returns the negative logarithm of the likelihood (and prior) for this a, with the most probable b, and this b.
 ///
-/// The innovations e = z - C x of the filter for known (a, b) are linear in b, and its gain does not depend on b: b is
-/// a regression.
+/// The innovations e = z - C x of the filter for known (a, b) are linear in b, and its gain does not depend on b, so
+/// b follows from a regression.
 fn profile(record: &ScalarRecord<'_>, prior: &ScalarPrior, knowledge: Knowledge, a: f64) -> (f64, f64) {
     let (mut cost, mut information, mut weighted) = match knowledge {
         Knowledge::Stable => (0.0, 0.0, 0.0),
@@ -76,8 +76,9 @@ fn profile(record: &ScalarRecord<'_>, prior: &ScalarPrior, knowledge: Knowledge,
     (cost - 0.5 * weighted * b, b)
 }
 
-/// (a, b) of largest likelihood or posterior density: by prediction errors of the innovations form with R and Sigma as
-/// told, over grids of `points` values of a that close in on the best one.
+/// Returns the (a, b) with the largest likelihood or posterior density. It uses the prediction errors of the
+/// innovations form with the stated R and Sigma, on successively finer grids of `points` values of a around the best
+/// one.
 pub fn most_probable(record: &ScalarRecord<'_>, prior: &ScalarPrior, knowledge: Knowledge, points: usize) -> [f64; 2] {
     let bound = if knowledge == Knowledge::Prior { prior.largest_a } else { 1.0 };
     let mut range = (-bound, bound);

@@ -1,4 +1,4 @@
-//! A cell: all methods on the same runs of a plant at one signal-to-noise ratio and one assumed Sigma.
+//! A cell, in which all methods process the same runs of a plant at one signal-to-noise ratio and one assumed Sigma.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -35,15 +35,15 @@ pub struct Cell<'a> {
 pub struct Score {
     /// Its name.
     pub method: String,
-    /// Runs in which the recursion failed, P was not a covariance, or the equations had no solution; the figures are
-    /// without them.
+    /// Number of runs in which the recursion failed, P was not a covariance, or the equations had no solution. The
+    /// figures exclude them.
     pub lost: usize,
-    /// Runs whose model has a larger free-run error than no model at all.
+    /// Number of runs whose model has a larger free-run error than no model at all.
     pub useless: usize,
-    /// Normalised estimation error squared of all parameters, over their number: one for a consistent P.
+    /// Normalised estimation error squared of all parameters, divided by their number. It is one for a consistent P.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nees: Option<Figure>,
-    /// Normalised estimation error squared of a_1 .. a_p alone, over their number.
+    /// Normalised estimation error squared of a_1 .. a_p only, divided by their number.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nees_a: Option<Figure>,
     /// Root mean square error of the entries of a_1 .. a_p.
@@ -52,17 +52,19 @@ pub struct Score {
     /// Root mean square error of the entries of b_1 .. b_m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_b: Option<Figure>,
-    /// `rmse_a` over that of the reference, over the runs that both have. Errors are in the reference's standard
-    /// deviations; otherwise the few plants that hardly respond to the input would dominate the figure.
+    /// `rmse_a` over that of the reference, over the runs that both have. Errors are in standard deviations of the
+    /// reference. Otherwise, the few plants that hardly respond to the input would dominate the figure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a_over_reference: Option<Figure>,
     /// `rmse_a` over that of the default expectation, computed in the same way.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a_over_default: Option<Figure>,
-    /// Relative free-run error on new inputs; geometric mean over runs, in which a useless model counts as one.
+    /// Relative free-run error on new inputs. It is the geometric mean over the runs, in which a useless model has an
+    /// error of one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run: Option<Figure>,
-    /// Free-run error over the default expectation's; geometric mean over the runs that both have, counted alike.
+    /// Free-run error relative to that of the default expectation. It is the geometric mean over the runs that both
+    /// have, computed in the same way.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run_over_default: Option<Figure>,
 }
@@ -76,16 +78,16 @@ pub struct Finished {
     pub signal_to_noise: f64,
     /// The assumed Sigma relative to the true one, or relative to R for the truss.
     pub sigma: f64,
-    /// Runs.
+    /// Number of runs.
     pub runs: usize,
-    /// The best possible method there, with which rmse_a is compared.
+    /// The best possible method for the cell, with which rmse_a is compared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<String>,
     /// The results of each method.
     pub scores: Vec<Score>,
 }
 
-/// All cells of a study.
+/// Returns all cells of a study.
 pub fn cells(config: &Config) -> Vec<Cell<'_>> {
     config
         .plants()
@@ -97,7 +99,7 @@ pub fn cells(config: &Config) -> Vec<Cell<'_>> {
 }
 
 impl Cell<'_> {
-    /// Its key in the journal.
+    /// Returns the key of the cell in the journal.
     pub fn key(&self) -> String {
         format!("{}, signal-to-noise {}, sigma {}", self.plant.name(), self.signal_to_noise, self.sigma)
     }
@@ -122,8 +124,8 @@ impl Cell<'_> {
         }
     }
 
-    /// The methods that are compared here, including the reference. Batch estimates know the true Sigma, so one setting
-    /// of it has them.
+    /// Returns the methods that are compared here, including the reference, and the reference. Batch estimates use
+    /// the true Sigma, so only one setting of Sigma has them.
     fn methods(&self) -> (Vec<Method>, Option<Method>) {
         let mut methods: Vec<Method> = ExpectationName::all().into_iter().map(Method::Filter).collect();
         let reference = match self.plant {
@@ -151,11 +153,11 @@ impl Cell<'_> {
         (methods, reference)
     }
 
-    /// Carries out the runs in parallel; the results do not depend on the number of threads. None if the user asks for
-    /// an end.
+    /// Carries out the runs in parallel. The results do not depend on the number of threads. Returns `None` if the
+    /// user interrupts the study.
     ///
     /// # Errors
-    /// The error of the testbed.
+    /// Returns the error of the testbed.
     pub fn measure(&self, config: &Config, progress: &dyn Progress) -> Result<Option<Finished>, TestbedError> {
         let (methods, reference) = self.methods();
         let runs = self.plant.runs();
@@ -197,7 +199,7 @@ type Outcomes<'a> = &'a [Option<Outcome>];
 
 fn summarise(name: &str, own: Outcomes<'_>, best: Option<Outcomes<'_>>, default: Option<Outcomes<'_>>) -> Score {
     let all = |of: fn(&Outcome) -> f64| own.iter().flatten().map(of).filter(|x| x.is_finite()).collect::<Vec<f64>>();
-    // A model that is worse than no model counts as one, the error without a model.
+    // A model that is worse than no model has an error of one, which is the error without a model.
     let free_run = |outcome: &Outcome| outcome.free_run.min(1.0);
     let ratio = |other: Option<Outcomes<'_>>| {
         let rows = own.iter().zip(other.unwrap_or_default()).enumerate();

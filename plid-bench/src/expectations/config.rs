@@ -11,19 +11,19 @@ pub const FULL: &str = include_str!("../../experiments/expectations.toml");
 /// The study of at most five minutes, as in experiments/bench/expectations-quick.toml.
 pub const QUICK: &str = include_str!("../../experiments/expectations-quick.toml");
 
-/// A study of expectations. A cell is a plant, a signal-to-noise ratio and an assumed Sigma; all methods of a cell
-/// see the same runs, and run k of a plant has the same random numbers in every cell.
+/// A study of expectations. A cell is a plant, a signal-to-noise ratio and an assumed Sigma. All methods of a cell
+/// process the same runs, and run k of a plant has the same random numbers in every cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Seed of the first run; the others count up from it.
+    /// Seed of the first run. Each further run increases it by one.
     pub seed: u64,
     /// RMS of the response to the input over RMS of all noise in the outputs.
     pub signal_to_noise: Vec<f64>,
-    /// The share of that noise's power due to state noise, for the scalar and the in-class plants; sensors cause the
-    /// rest.
+    /// The share of the noise power that is due to state noise, for the scalar and the in-class plants. Sensors cause
+    /// the rest.
     pub state_noise_share: f64,
-    /// How P is carried.
+    /// The covariance form.
     pub covariance: CovarianceName,
     /// The scalar plant.
     #[serde(default)]
@@ -40,13 +40,13 @@ pub struct Config {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scalar {
-    /// Plants and records.
+    /// Number of plants and records.
     pub runs: usize,
-    /// Samples of a record.
+    /// Number of samples of a record.
     pub steps: usize,
-    /// The assumed Sigma over the true one.
+    /// Ratios of the assumed Sigma to the true one.
     pub told_sigma: Vec<f64>,
-    /// Points of a grid of exact Bayes, and of the search for the largest likelihood.
+    /// Number of points of a grid for exact Bayes, and for the search for the largest likelihood.
     pub grid_points: usize,
 }
 
@@ -54,19 +54,19 @@ pub struct Scalar {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InClass {
-    /// n, a multiple of p: the form with equal indices is unique.
+    /// Number of states n, a multiple of p, because the form with equal indices is unique.
     pub states: usize,
-    /// p
+    /// Number of outputs p.
     pub outputs: usize,
-    /// m
+    /// Number of inputs m.
     pub inputs: usize,
-    /// Plants and records.
+    /// Number of plants and records.
     pub runs: usize,
-    /// Samples of a record.
+    /// Number of samples of a record.
     pub steps: usize,
-    /// The assumed Sigma over the true one.
+    /// Ratios of the assumed Sigma to the true one.
     pub told_sigma: Vec<f64>,
-    /// Standard deviation of each parameter's first estimate.
+    /// Standard deviation of the initial estimate of each parameter.
     pub initial_std: f64,
 }
 
@@ -74,17 +74,17 @@ pub struct InClass {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Truss {
-    /// n of the model, a multiple of three.
+    /// Number of states n of the model, a multiple of three.
     pub states: usize,
-    /// Records, each of another input and noise.
+    /// Number of records, each with another input and other noise.
     pub runs: usize,
-    /// Length of a record, s.
+    /// Length of a record in s.
     pub duration_s: f64,
-    /// Length of the record that scores, s.
+    /// Length of the record used for scoring in s.
     pub held_out_s: f64,
-    /// The assumed Sigma over R.
+    /// Ratios of the assumed Sigma to R.
     pub sigma_over_r: Vec<f64>,
-    /// The value at which batch estimates are also computed; by default none.
+    /// The ratio at which batch estimates are also computed; none by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub batch_at: Option<f64>,
 }
@@ -154,7 +154,7 @@ impl Config {
         all.into_iter().flatten().collect()
     }
 
-    /// All plants, in the order in which they are studied.
+    /// Returns all plants in the order in which they are studied.
     pub fn plants(&self) -> impl Iterator<Item = Plant<'_>> {
         let scalar = self.scalar.iter().map(Plant::Scalar);
         scalar.chain(self.in_class.iter().map(Plant::InClass)).chain(self.truss.iter().map(Plant::Truss))
@@ -171,19 +171,19 @@ fn form(key: &'static str, states: usize, outputs: usize, inputs: usize) -> Opti
     }
 }
 
-/// One of the three kinds.
+/// A plant of one of the three kinds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Plant<'a> {
-    /// x+ = a x + b u.
+    /// The scalar plant x+ = a x + b u.
     Scalar(&'a Scalar),
-    /// Moderate order, in the model class.
+    /// A plant of moderate order in the model class.
     InClass(&'a InClass),
-    /// Not in the model class.
+    /// The truss, which is not in the model class.
     Truss(&'a Truss),
 }
 
 impl Plant<'_> {
-    /// Its name in files and reports.
+    /// Returns its name in files and reports.
     pub fn name(self) -> String {
         match self {
             Self::Scalar(_) => "scalar".into(),
@@ -194,7 +194,7 @@ impl Plant<'_> {
         }
     }
 
-    /// The settings of Sigma of its cells: assumed over true, or Sigma / R for the truss.
+    /// Returns the settings of Sigma of its cells, as assumed over true values, or as Sigma / R for the truss.
     pub fn sigmas(self) -> Vec<f64> {
         match self {
             Self::Scalar(plant) => plant.told_sigma.clone(),
@@ -203,7 +203,7 @@ impl Plant<'_> {
         }
     }
 
-    /// Runs of a cell.
+    /// Returns the number of runs of a cell.
     pub fn runs(self) -> usize {
         match self {
             Self::Scalar(plant) => plant.runs,

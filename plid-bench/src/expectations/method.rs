@@ -16,21 +16,21 @@ pub enum Method {
     Filter(ExpectationName),
     /// Exact Bayes on a grid with this number of points, with the true noise variances.
     Exact(ScalarPrior, usize),
-    /// Exact Bayes on such a grid, with the noise variances that the filters assume.
+    /// Exact Bayes on a grid with this number of points, with the noise variances that the filters assume.
     ExactAsTold(ScalarPrior, usize),
-    /// Least squares on the outputs and inputs before.
+    /// Least squares on the preceding outputs and inputs.
     LeastSquares,
     /// Instrumental variables, with past inputs as instruments (scalar plant).
     InstrumentalVariable,
-    /// Largest likelihood by prediction errors, with the true noise variances (scalar plant).
+    /// Maximum likelihood from prediction errors, with the true noise variances (scalar plant).
     MaximumLikelihood(ScalarPrior, usize),
-    /// Largest posterior density by prediction errors, with the filters' prior and the true noise covariances where
-    /// there are such, else those told. The scalar plant's is exact.
+    /// Maximum posterior density from prediction errors, with the prior of the filters. The noise covariances are the
+    /// true ones if they exist, and the assumed ones otherwise. For the scalar plant the estimate is exact.
     MaximumPosterior(Option<(ScalarPrior, usize)>),
 }
 
 impl Method {
-    /// The name in tables and files.
+    /// Returns the name in tables and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Filter(expectations) => expectations.as_str(),
@@ -51,17 +51,18 @@ pub struct Outcome {
     pub squared_a: f64,
     /// Mean square error of the entries of b_1 .. b_m.
     pub squared_b: f64,
-    /// e^T P^-1 e over its size, of all parameters; NaN if the method gives no P or there are no true parameters.
+    /// e^T P^-1 e of all parameters, divided by their number; NaN if the method gives no P or there are no true
+    /// parameters.
     pub nees: f64,
-    /// e^T P^-1 e over its size, of a_1 .. a_p alone.
+    /// e^T P^-1 e of a_1 .. a_p only, divided by their number.
     pub nees_a: f64,
-    /// The mean variance that the method gives the entries of a_1 .. a_p; NaN if it gives none.
+    /// The mean variance that the method states for the entries of a_1 .. a_p; NaN if it states none.
     pub variance_a: f64,
     /// Relative free-run error on new inputs; infinite if the model diverges.
     pub free_run: f64,
 }
 
-/// Parameters, and their covariance where the method has one.
+/// Parameters, and their covariance if the method gives one.
 type Estimate = (Vec<f64>, Option<DMatrix<f64>>);
 
 /// Runs `method` on `trial`; `None` if the recursion fails or the equations have no solution.
@@ -96,7 +97,7 @@ pub fn run(method: Method, trial: &Trial, covariance: CovarianceName) -> Option<
     Some(outcome)
 }
 
-/// e^T P^-1 e over its size.
+/// Returns e^T P^-1 e divided by the size of e.
 fn nees(error: &DVector<f64>, covariance: &DMatrix<f64>) -> Option<f64> {
     let solved = covariance.clone().cholesky()?.solve(error);
     Some(error.dot(&solved) / error.len() as f64)
@@ -124,7 +125,7 @@ fn estimate(method: Method, trial: &Trial, covariance: CovarianceName) -> Option
             Some(alone(batch::most_probable(&record(false)?, &prior, Knowledge::Prior, points)))
         }
         Method::MaximumPosterior(None) => {
-            // The end of the moment-matched recursion, but with the initial state assumed by P0.
+            // The estimate at the end of the moment-matched recursion, but with the initial state that P0 assumes.
             let n = trial.form.states();
             let variant = Variant { covariance, expectations: ExpectationName::MomentMatched, ..Variant::default() };
             let mut start = trial.settings.initial_estimate[..n].to_vec();

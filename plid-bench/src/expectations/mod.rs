@@ -1,5 +1,5 @@
-//! Which conditional expectation? NEES, accuracy and free-run error of the five against each other, against exact Bayes
-//! and against batch estimates, over signal-to-noise ratios and settings of Sigma.
+//! The study of conditional expectations. It compares NEES, accuracy and free-run error of the five expectations with
+//! each other, with exact Bayes and with batch estimates, over signal-to-noise ratios and settings of Sigma.
 
 pub mod batch;
 mod cell;
@@ -38,7 +38,7 @@ impl Study {
     /// Returns the content of expectations.json: all cells.
     ///
     /// # Errors
-    /// [`StudyError::NotFinite`] with the place of a number that is not finite.
+    /// Returns [`StudyError::NotFinite`] with the place of a number that is not finite.
     pub fn json(&self) -> Result<String, StudyError> {
         to_json(&self.cells).map_err(StudyError::not_finite("expectations.json"))
     }
@@ -48,7 +48,7 @@ impl Study {
 /// into `directory`. With `resume`, the cells in its journal are not run again.
 ///
 /// # Errors
-/// [`StudyError`]
+/// Returns a [`StudyError`].
 pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progress) -> Result<Study, StudyError> {
     let text = to_toml(config);
     let machine = Machine::here();
@@ -67,7 +67,7 @@ pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progr
 /// Runs the cells of a shard in its own folder in `directory`.
 ///
 /// # Errors
-/// [`StudyError`]
+/// Returns a [`StudyError`].
 pub fn run_shard(
     config: &Config,
     directory: &Path,
@@ -78,7 +78,7 @@ pub fn run_shard(
     study::shard(directory, shard, |folder| measure(config, folder, Some(shard), resume, progress).map(|_| ()))
 }
 
-/// Takes the cells of all shards over into `directory`, where [`run`] resumes with nothing left to measure.
+/// Copies the cells of all shards to the journal in `directory`, where [`run`] resumes with nothing left to measure.
 ///
 /// # Errors
 /// Returns [`StudyError::Shards`] if a shard is missing or not complete, or the error of a file.
@@ -89,7 +89,7 @@ pub fn merge(config: &Config, directory: &Path) -> Result<usize, StudyError> {
 /// The study's name in its journal.
 const STUDY: &str = "expectations";
 
-/// Measures the cells of a shard, or all of them, as far as the journal in `directory` does not have them yet.
+/// Measures the cells of a shard, or all cells, unless the journal in `directory` already contains them.
 fn measure(
     config: &Config,
     directory: &Path,

@@ -15,8 +15,8 @@ use plid_model::signal::rms;
 const HELD_OUT: usize = 1000;
 /// Spectral radii of modes.
 const RADII: (f64, f64) = (0.90, 0.98);
-/// No entry of a column a_i may be larger: beyond it the plant is nearly unobservable, and another plant is
-/// drawn.
+/// Largest permissible entry of a column a_i. If an entry is larger, the plant is nearly unobservable, and another
+/// plant is drawn.
 const LARGEST_ENTRY: f64 = 3.0;
 
 /// The level of the noise and the assumptions about it.
@@ -24,19 +24,20 @@ const LARGEST_ENTRY: f64 = 3.0;
 pub struct Loudness {
     /// RMS of the response to the input over RMS of all noise in the outputs.
     pub signal_to_noise: f64,
-    /// The share of the noise's power in the outputs due to state noise; sensors cause the rest.
+    /// The share of the noise power in the outputs that is due to state noise. Sensors cause the rest.
     pub state_share: f64,
-    /// The assumed Sigma over the true one.
+    /// Ratio of the assumed Sigma to the true one.
     pub told_factor: f64,
 }
 
-/// The scalar plant with parameters from the prior and inputs of +-1. Signal and noise are those of the plant at the
-/// prior's mean, so that the noise variances, which are known, contain no information on the parameters.
+/// Draws a scalar plant with parameters from the prior and inputs of +-1. The powers of signal and noise are those of
+/// the plant at the mean of the prior, so that the noise variances, which are known, contain no information about the
+/// parameters.
 pub fn scalar(prior: &ScalarPrior, loudness: Loudness, steps: usize, seed: u64) -> Trial {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (a, b) = prior.draw(|| normal(&mut rng));
     let x0 = prior.state_variance.sqrt() * normal(&mut rng);
-    // Of white noise of unit variance into the state.
+    // The power in the output of white noise of unit variance that enters the state.
     let power = 1.0 / (1.0 - prior.a.0.powi(2));
     let noise = prior.b.0.powi(2) * power / loudness.signal_to_noise.powi(2);
     let form = ObservableForm::new(&[1], 1).expect("one output, one state, one input");
@@ -77,10 +78,10 @@ fn finish(
     }
 }
 
-/// X of X = A X A^T + Q for a stable A, by doubling.
+/// Returns the solution X of X = A X A^T + Q for a stable A, by doubling.
 fn stationary(a: &DMatrix<f64>, q: &DMatrix<f64>) -> DMatrix<f64> {
     let (mut power, mut sum) = (a.clone(), q.clone());
-    // 2^40 samples: a mode that has not settled by then is unstable.
+    // A mode that has not settled within 2^40 samples is unstable.
     for _ in 0..40 {
         let more = &power * &sum * power.transpose();
         if more.norm() <= 1e-15 * sum.norm() {
@@ -92,7 +93,7 @@ fn stationary(a: &DMatrix<f64>, q: &DMatrix<f64>) -> DMatrix<f64> {
     sum
 }
 
-/// Modes of a structure in modal form: A, B and C with outputs of unit variance for unit white inputs.
+/// Returns A, B and C of a structure in modal form, with outputs of unit variance for white inputs of unit variance.
 fn modal(n: usize, m: usize, p: usize, rng: &mut ChaCha8Rng) -> [DMatrix<f64>; 3] {
     let mut a = DMatrix::zeros(n, n);
     let radius = |rng: &mut ChaCha8Rng| RADII.0 + (RADII.1 - RADII.0) * rng.random::<f64>();
@@ -115,7 +116,7 @@ fn modal(n: usize, m: usize, p: usize, rng: &mut ChaCha8Rng) -> [DMatrix<f64>; 3
     [a, b, c]
 }
 
-/// The parameters [a_1; ..; b_m] of a plant in the form with p equal indices; `None` if the plant is not
+/// Returns the parameters [a_1; ..; b_m] of a plant in the form with p equal indices, or `None` if the plant is not
 /// observable.
 fn canonical(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, form: &ObservableForm) -> Option<Vec<f64>> {
     let (n, p) = (form.states(), form.outputs());
@@ -129,7 +130,7 @@ fn canonical(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, form: &Observ
         }
         (rows, row)
     };
-    // C A^q = sum_l L_l C A^l: the equations of the outputs; a_i[block j, l] is entry (j, i) of L_l.
+    // The equations of the outputs are C A^q = sum_l L_l C A^l, where a_i[block j, l] is entry (j, i) of L_l.
     let (old, next) = observability(a, c);
     let equations = old.transpose().lu().solve(&next.transpose())?.transpose();
     let mut parameters: Vec<f64> = (0..p)
@@ -143,7 +144,7 @@ fn canonical(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, form: &Observ
     parameters.iter().all(|x| x.is_finite()).then_some(parameters)
 }
 
-/// A and C of the form.
+/// Returns A and C of the form.
 pub fn matrices(form: &ObservableForm, parameters: &[f64]) -> (DMatrix<f64>, DMatrix<f64>) {
     let n = form.states();
     let mut a = DMatrix::from_fn(n, n, |i, j| if form.shift_source(i) == Some(j) { 1.0 } else { 0.0 });
@@ -155,8 +156,8 @@ pub fn matrices(form: &ObservableForm, parameters: &[f64]) -> (DMatrix<f64>, DMa
     (a, c)
 }
 
-/// A random plant of lightly damped modes in the form with equal indices. The first estimate is scattered about the
-/// truth as P0 states, so the NEES of a consistent filter is one from the start.
+/// Draws a random plant of lightly damped modes in the form with equal indices. The initial estimate scatters about
+/// the truth with the covariance P0, so the NEES of a consistent filter is one from the start.
 pub fn in_class(form: &ObservableForm, loudness: Loudness, initial_std: f64, steps: usize, seed: u64) -> Trial {
     let (n, m, p) = (form.states(), form.inputs(), form.outputs());
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -195,8 +196,8 @@ pub fn in_class(form: &ObservableForm, loudness: Loudness, initial_std: f64, ste
     finish(plant, settings, loudness.told_factor, inputs, outputs, held_out)
 }
 
-/// The truss with its three sources of noise louder or softer by one factor and without converters, to be identified
-/// with fewer states than it has. R and Q are the true ones; `ratio` is the assumed Sigma over R.
+/// Returns a trial of the truss without converters, whose three sources of noise are scaled by one factor. It is
+/// identified with fewer states than it has. R and Q are the true ones; `ratio` is the assumed Sigma over R.
 ///
 /// # Errors
 /// Returns the error of the testbed.

@@ -1,4 +1,5 @@
-//! Batch estimates of a plant with several outputs, in the same canonical form: least squares, and prediction errors.
+//! Batch estimates of a plant with several outputs in the same canonical form, by least squares and by prediction
+//! errors.
 
 use nalgebra::{DMatrix, DVector};
 use ndarray::ArrayView2;
@@ -9,7 +10,7 @@ use plid_model::{Model, NoiseCovariances, steady_state_gain};
 use super::plants::matrices;
 use super::trial::Trial;
 
-/// Rows whose normal equations are summed at a time.
+/// Number of rows whose normal equations are summed at a time.
 const BLOCK: usize = 1000;
 /// The starts are near the minimum, so the first step is nearly a Gauss-Newton step.
 const DAMPING: Damping = Damping { start: 1e-4, shrink: 0.1, grow: 10.0, least: 0.0, tries: 10, factors: &[1.0] };
@@ -18,8 +19,9 @@ const STOP: Stop = Stop { steps: 20, gain: 1e-3, share: 0.0, patience: 1 };
 /// A prediction beyond this many standard deviations of the innovation has diverged.
 const UNBOUNDED: f64 = 1e8;
 
-/// Least squares of y_k on the q samples of outputs and inputs before it, for a form with p equal indices q: the
-/// entries of a_i and b_j are its coefficients. The noise in the regressors draws modes towards more damping.
+/// Estimates by least squares of y_k on the preceding q samples of outputs and inputs, for a form with p equal
+/// indices q. The coefficients are the entries of a_i and b_j. The noise in the regressors biases the modes towards
+/// more damping.
 pub fn least_squares(trial: &Trial) -> Option<Vec<f64>> {
     let (n, m, p) = (trial.form.states(), trial.form.inputs(), trial.form.outputs());
     let each = n / p;
@@ -27,19 +29,19 @@ pub fn least_squares(trial: &Trial) -> Option<Vec<f64>> {
     let (mut normal, mut right) = (DMatrix::zeros(size, size), DMatrix::zeros(size, p));
     let rows: Vec<usize> = (each..trial.outputs.nrows()).collect();
     for rows in rows.chunks(BLOCK) {
-        // Column t q + l of the regressors: signal t, q - l samples back.
+        // Column t q + l of the regressors is signal t, q - l samples earlier.
         let regressors = DMatrix::from_fn(rows.len(), size, |row, column| {
             let (signal, at) = (column / each, rows[row] - each + column % each);
             if signal < p { trial.outputs[(at, signal)] } else { trial.inputs[(at, signal - p)] }
         });
         let y = DMatrix::from_fn(rows.len(), p, |row, i| trial.outputs[(rows[row], i)]);
-        // As a matrix product, which is blocked; `tr_mul` uses scalar products.
+        // A matrix product is blocked, whereas `tr_mul` uses scalar products.
         let transposed = regressors.transpose();
         normal += &transposed * &regressors;
         right += transposed * y;
     }
     let solution = normal.cholesky()?.solve(&right);
-    // Entry l of block j of the parameter column of signal t.
+    // This is entry l of block j of the parameter column of signal t.
     let parameters: Vec<f64> = (0..p + m)
         .flat_map(|signal| (0..n).map(move |row| (signal, row)))
         .map(|(signal, row)| solution[(signal * each + row % each, row / each)])
@@ -47,14 +49,14 @@ pub fn least_squares(trial: &Trial) -> Option<Vec<f64>> {
     parameters.iter().all(|x| x.is_finite()).then_some(parameters)
 }
 
-/// The joint estimate s of largest posterior density given a record, from `start` (N entries), and the inverse of the
-/// information there (N x N), its covariance if it is Gaussian.
+/// Returns the joint estimate s with the largest posterior density given a record, found from `start` (N entries),
+/// and the inverse of the information there (N x N), which is its covariance if it is Gaussian.
 ///
-/// It is the estimate that the recursion approximates: the same prior and the same noise covariances, with the record
-/// gone through as often as needed. Predictions are those of the steady-state Kalman filter of the plant that s stands
-/// for; Gauss-Newton steps with Levenberg's and Marquardt's damping go over x0 and the parameters. The gain's own
-/// dependence on the parameters is in the cost but not in the gradient: at the truth innovations are white, and the
-/// left-out term is zero on average.
+/// The recursion approximates this estimate. It has the same prior and the same noise covariances, but processes the
+/// record as often as necessary. Predictions are those of the steady-state Kalman filter of the plant that s
+/// describes. Gauss-Newton steps with Levenberg-Marquardt damping vary x0 and the parameters. The dependence of the
+/// gain on the parameters is part of the cost but not of the gradient. At the true parameters the innovations are
+/// white, so the neglected term is zero on average.
 pub fn most_probable(trial: &Trial, noise: &NoiseModel, start: &[f64]) -> Option<(Vec<f64>, DMatrix<f64>)> {
     let mut problem = Problem::new(trial, noise);
     let found = minimise(&mut problem, DVector::from_column_slice(start), DAMPING, STOP).ok()?;
@@ -141,8 +143,8 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Goes over the record: `each` gets x and the whitened innovation of every sample. None where the predictor
-    /// diverges.
+    /// Predicts over the record and passes x and the whitened innovation of every sample to `each`. Returns `None` if
+    /// the predictor diverges.
     fn predict(
         &self,
         s: &DVector<f64>,
@@ -176,7 +178,8 @@ impl<'a> Problem<'a> {
         Some(())
     }
 
-    /// The negative logarithm of the posterior density, up to a constant; `None` if the plant has no stable predictor.
+    /// Returns the negative logarithm of the posterior density, up to a constant, or `None` if the plant has no
+    /// stable predictor.
     fn surprise(&self, s: &DVector<f64>) -> Option<f64> {
         let predictor = self.predictor(s)?;
         let mut squares = self.outputs.nrows() as f64 * predictor.log_determinant;
@@ -188,7 +191,7 @@ impl<'a> Problem<'a> {
 
     /// Computes A - K C (`closed`, n x n) times a state.
     fn advance(&self, closed: &DMatrix<f64>, state: &[f64], next: &mut [f64]) {
-        // A - K C differs from the shift in the outputs' columns alone.
+        // A - K C differs from the shift only in the columns of the outputs.
         next.copy_from_slice(state);
         self.form.shift(next);
         for &row in self.form.output_states() {
@@ -200,12 +203,13 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Normal matrix and right side of a Gauss-Newton step at s.
+    /// Returns the normal matrix and the right-hand side of a Gauss-Newton step at s.
     ///
-    /// The prediction's derivative by entry r of a parameter column is the response of A - K C to its regressor (an
-    /// output's prediction or an input) at state r. Within a block a state is the one before it a sample later, so that
-    /// only the last state of each block needs a filter, and the others are its past. x0 is a regressor that is one
-    /// before the first sample.
+    /// The derivative of the prediction with respect to entry r of a parameter column is the response of A - K C to
+    /// the regressor of this column (the prediction of an output, or an input) at state r. Within a block, an input
+    /// to one state is an input to the next state one sample later, so only the last state of each block needs a
+    /// filter, and the responses for the others are its past values. x0 is treated as a regressor that is one before
+    /// the first sample.
     fn linearised(&self, s: &DVector<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
         let (n, m, p) = (self.form.states(), self.form.inputs(), self.form.outputs());
         let predictor = self.predictor(s)?;
@@ -215,7 +219,8 @@ impl<'a> Problem<'a> {
         let mut right = DVector::from_iterator(size, (0..size).map(|i| (mean[i] - s[i]) / variances[i]));
         let rows = self.form.output_states();
         let longest = *self.form.indices().iter().max()?;
-        // State of each filter (regressor t, block i), and the last `longest` whitened responses of each, newest last.
+        // The state of each filter (regressor t, block i), and its last `longest` whitened responses with the newest
+        // last.
         let regressors = 1 + p + m;
         let mut states = vec![vec![0.0; n]; regressors * p];
         for (i, &row) in rows.iter().enumerate() {
@@ -323,7 +328,7 @@ mod tests {
         assert!((&right - &expected).norm() < 1e-6 * expected.norm());
     }
 
-    /// For the scalar plant it is the exact maximum a posteriori, apart from the filter's transient.
+    /// For the scalar plant, the estimate is the exact maximum a posteriori, apart from the transient of the filter.
     #[test]
     fn of_the_scalar_plant_it_is_the_peak_of_the_posterior() {
         let prior = ScalarPrior::default();
@@ -334,7 +339,7 @@ mod tests {
             let (z, u) = (trial.outputs.as_slice().unwrap(), trial.inputs.as_slice().unwrap());
             let record = ScalarRecord { z, u, sensor: noise.sensor.at(0, 0), state: noise.state.at(0, 0) };
             let exact = batch::most_probable(&record, &prior, Knowledge::Prior, 40);
-            // The gradient neglects the gain's dependence, which moves the result by a fraction of a standard
+            // The gradient neglects the dependence of the gain, which moves the result by a fraction of a standard
             // deviation.
             let [aa, _, bb] = exact_bayes(&record, &prior, 60).covariance;
             let off = [(found[1] - exact[0]) / aa.sqrt(), (found[2] - exact[1]) / bb.sqrt()];

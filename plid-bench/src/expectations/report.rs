@@ -1,4 +1,4 @@
-//! The page: NEES, accuracy and free-run error against the signal-to-noise ratio, then the numbers.
+//! The page with NEES, accuracy and free-run error against the signal-to-noise ratio, followed by the numbers.
 
 use plid_report::{Axis, Cell, Chart, Report, Series, Table, chart};
 
@@ -12,7 +12,7 @@ use crate::study::Machine;
 const HEIGHT: f64 = 260.0;
 const SNR: &str = "signal-to-noise ratio (RMS over RMS)";
 
-/// The report of a finished study.
+/// Returns the report of a finished study.
 pub fn page(config: &Config, cells: &[Finished], machine: &Machine, text: &str) -> Report {
     let mut report = Report::new("Comparison of the conditional expectations");
     for sentence in sentences(cells) {
@@ -82,8 +82,8 @@ fn in_class(mut report: Report, config: &Config, name: &str, own: &[&Finished]) 
             "Normalised estimation error squared over the number of parameters, with the true Sigma. Values above one \
              mean overconfidence.",
         );
-        // The batch estimates without a prior or with biased equations are in the table: they would determine the range
-        // of the axis.
+        // The batch estimates without a prior or with biased equations are only in the table, because they would
+        // determine the range of the axis.
         let batch = ["batch-maximum-posterior", "batch-maximum-likelihood"];
         let reference = right[0].reference.clone().unwrap_or_default();
         let lines = with(&right, &batch, &|s| s.rmse_a_over_reference);

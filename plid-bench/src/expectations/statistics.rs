@@ -8,7 +8,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 pub struct Figure {
     /// The figure.
     pub value: f64,
-    /// Its standard error. It is infinite for a single run, and then has no key in a file.
+    /// Its standard error. It is infinite for a single run and then has no key in a file.
     #[serde(default = "infinite", skip_serializing_if = "is_infinite")]
     pub error: f64,
 }
@@ -21,7 +21,7 @@ fn is_infinite(value: &f64) -> bool {
     value.is_infinite()
 }
 
-/// The mean and its standard error; `None` for an empty list.
+/// Returns the mean and its standard error, or `None` for an empty list.
 pub fn mean(values: &[f64]) -> Option<Figure> {
     let count = values.len() as f64;
     if values.is_empty() {
@@ -36,7 +36,7 @@ pub fn mean(values: &[f64]) -> Option<Figure> {
     Some(Figure { value, error })
 }
 
-/// Root of the mean of `squares`; its relative error is half that of the mean.
+/// Returns the root of the mean of `squares`. Its relative error is half that of the mean.
 pub fn root_mean(squares: &[f64]) -> Option<Figure> {
     let Figure { value, error } = mean(squares)?;
     let root = value.sqrt();
@@ -44,8 +44,8 @@ pub fn root_mean(squares: &[f64]) -> Option<Figure> {
     Some(Figure { value: root, error })
 }
 
-/// Root of the ratio of two means of squares over the same runs. The runs are paired, so what all methods share in a
-/// run cancels in the error.
+/// Returns the root of the ratio of two means of squares over the same runs. The runs are paired, so variations that
+/// all methods share in a run cancel in the error.
 pub fn paired_root_ratio(squares: &[f64], reference: &[f64]) -> Option<Figure> {
     let (over, under) = (mean(squares)?.value, mean(reference)?.value);
     if !(under > 0.0 && over > 0.0) {
@@ -57,15 +57,16 @@ pub fn paired_root_ratio(squares: &[f64], reference: &[f64]) -> Option<Figure> {
     Some(Figure { value, error: value * mean(&differences)?.error })
 }
 
-/// Geometric mean: free-run errors of runs differ by factors, and a few poor ones would dominate an arithmetic mean.
+/// Returns the geometric mean. Free-run errors of runs differ by factors, and a few poor ones would dominate an
+/// arithmetic mean.
 pub fn geometric_mean(values: &[f64]) -> Option<Figure> {
     let logs: Vec<f64> = values.iter().map(|v| v.ln()).collect();
     let Figure { value, error } = mean(&logs)?;
     Some(Figure { value: value.exp(), error: value.exp() * error })
 }
 
-/// The interval that holds the mean over `runs` runs of a chi-square with `dimensions` degrees of freedom, over these,
-/// with probability 0.95: which contains the NEES of a consistent filter.
+/// Returns the interval that contains the NEES of a consistent filter with probability 0.95. The NEES is the mean
+/// over `runs` runs of a chi-square with `dimensions` degrees of freedom, divided by `dimensions`.
 pub fn consistent_band(runs: usize, dimensions: usize) -> Option<(f64, f64)> {
     let freedom = (runs * dimensions) as f64;
     let chi = ChiSquared::new(freedom).ok()?;
@@ -97,8 +98,8 @@ mod tests {
         assert!((found.value - 2.0).abs() < 1e-15 && found.error < 1e-15);
     }
 
-    /// A normal mean with known variance is linear and Gaussian: its NEES over runs lies within the band 95 times in a
-    /// hundred.
+    /// The estimate of a normal mean with known variance is linear and Gaussian, so its NEES over runs lies within
+    /// the band 95 times in a hundred.
     #[test]
     fn a_linear_gaussian_case_is_consistent_as_often_as_the_band_says() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
@@ -108,7 +109,8 @@ mod tests {
             .filter(|_| {
                 let nees: Vec<f64> = (0..runs)
                     .map(|_| {
-                        // Prior N(0, 1), one measurement with variance 0.5: the posterior variance is 1/3.
+                        // With the prior N(0, 1) and one measurement with variance 0.5, the posterior variance is
+                        // 1/3.
                         let (truth, noise): (f64, f64) =
                             (StandardNormal.sample(&mut rng), StandardNormal.sample(&mut rng));
                         let estimate = (truth + 0.5f64.sqrt() * noise) * 2.0 / 3.0;
@@ -118,7 +120,7 @@ mod tests {
                 (low..=high).contains(&mean(&nees).unwrap().value)
             })
             .count();
-        // Binomial, 400 of 0.95: 380 with a deviation of 4.4.
+        // The number is binomial with 400 trials at 0.95: 380 with a standard deviation of 4.4.
         assert!((363..=395).contains(&inside), "{inside} of {trials}");
     }
 }

@@ -1,4 +1,4 @@
-//! The cells as flat rows, a method each.
+//! The cells as flat rows, one per method.
 
 use serde::Serialize;
 
@@ -38,7 +38,7 @@ pub struct Row {
     free_run_over_default_error: Option<f64>,
 }
 
-/// The interval that contains the NEES of a consistent filter with probability 0.95; `None` for the truss.
+/// Returns the interval that contains the NEES of a consistent filter with probability 0.95, or `None` for the truss.
 pub fn band(config: &Config, cell: &Finished) -> Option<(f64, f64)> {
     let parameters = match config.plants().find(|plant| plant.name() == cell.plant)? {
         Plant::Scalar(_) => 2,
@@ -48,7 +48,7 @@ pub fn band(config: &Config, cell: &Finished) -> Option<(f64, f64)> {
     consistent_band(cell.runs, parameters)
 }
 
-/// All rows, in the cells' order.
+/// Returns all rows in the order of the cells.
 pub fn rows(config: &Config, cells: &[Finished]) -> Vec<Row> {
     cells.iter().flat_map(|cell| cell.scores.iter().map(|score| row(cell, score, band(config, cell)))).collect()
 }
@@ -56,7 +56,7 @@ pub fn rows(config: &Config, cells: &[Finished]) -> Vec<Row> {
 fn row(cell: &Finished, score: &Score, band: Option<(f64, f64)>) -> Row {
     let value = |figure: Option<Figure>| figure.map(|f| f.value);
     let error = |figure: Option<Figure>| figure.map(|f| f.error);
-    // The band is for methods that give a covariance.
+    // The band applies only to methods that give a covariance.
     let band = band.filter(|_| score.nees.is_some());
     Row {
         plant: cell.plant.clone(),

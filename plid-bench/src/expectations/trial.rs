@@ -19,7 +19,7 @@ pub struct Trial {
     pub told: NoiseModel,
     /// The true noise covariances, if the plant is in the model class.
     pub true_noise: Option<NoiseModel>,
-    /// First estimate and P0.
+    /// The initial estimate and P0.
     pub settings: Settings,
     /// The true parameters [a_1; ..; a_p; b_1; ..; b_m], if the plant is in the model class.
     pub truth: Option<Vec<f64>>,
@@ -29,8 +29,8 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// RMS of the error of a model's free run from rest over the RMS of the true response, on inputs that no estimate
-    /// has seen.
+    /// Returns the RMS of the error of a model's free run from rest over the RMS of the true response, for inputs
+    /// that no estimate has used.
     pub fn free_run_error(&self, parameters: &[f64]) -> f64 {
         let (n, joint) = (self.form.states(), self.form.joint_states());
         let mut s = vec![0.0; n];
@@ -46,17 +46,17 @@ impl Trial {
 pub struct InClass {
     /// The canonical form.
     pub form: ObservableForm,
-    /// [a_1; ..; a_p; b_1; ..; b_m].
+    /// The parameters [a_1; ..; a_p; b_1; ..; b_m].
     pub parameters: Vec<f64>,
-    /// Variance of each sensor.
+    /// Variance of the noise of each sensor.
     pub sensor: f64,
-    /// Variance of each state's noise.
+    /// Variance of the noise of each state.
     pub state: f64,
 }
 
 impl InClass {
-    /// Outputs (samples x p) to `inputs` from `x`; `normal` gives unit noise, first of the sensors and then of the
-    /// states of each sample.
+    /// Returns the outputs (samples x p) for `inputs` from the state `x`. `normal` gives noise of unit variance, for
+    /// each sample first that of the sensors and then that of the states.
     pub fn simulate(&self, inputs: &Array2<f64>, mut x: Vec<f64>, normal: &mut dyn FnMut() -> f64) -> Array2<f64> {
         let (n, p) = (self.form.states(), self.form.outputs());
         let mut outputs = Array2::zeros((inputs.nrows(), p));
@@ -74,25 +74,25 @@ impl InClass {
         outputs
     }
 
-    /// R, and Sigma multiplied by `factor`.
+    /// Returns R, and Sigma multiplied by `factor`.
     pub fn noise(&self, factor: f64) -> NoiseModel {
         let (n, m, p) = (self.form.states(), self.form.inputs(), self.form.outputs());
         NoiseModel::diagonal(&vec![self.sensor; p], &vec![0.0; m], &vec![factor * self.state; n])
     }
 
-    /// The response from rest without noise.
+    /// Returns the response from rest without noise.
     pub fn response(&self, inputs: &Array2<f64>) -> Array2<f64> {
         let quiet = Self { sensor: 0.0, state: 0.0, ..self.clone() };
         quiet.simulate(inputs, vec![0.0; self.form.states()], &mut || 0.0)
     }
 }
 
-/// A number of the standard normal distribution.
+/// Draws a number from the standard normal distribution.
 pub fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// `samples` x `channels` of unit white noise.
+/// Draws `samples` x `channels` values of white noise of unit variance.
 pub fn white(rng: &mut ChaCha8Rng, samples: usize, channels: usize) -> Array2<f64> {
     Array2::from_shape_simple_fn((samples, channels), || normal(rng))
 }

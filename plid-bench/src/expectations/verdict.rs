@@ -8,35 +8,35 @@ use plid_catalogue::ExpectationName;
 use super::statistics::{Figure, geometric_mean};
 use plid_model::signal::median;
 
-/// A difference matters if it is at least this large..
+/// A difference matters only if it is at least this large.
 const MATTERS: f64 = 0.05;
-/// ... and would arise by chance with less than this probability if there were none.
+/// A difference matters only if it would arise by chance, without a true difference, with less than this probability.
 const CHANCE: f64 = 0.003;
 
-/// The score of a method in a cell.
+/// Returns the score of a method in a cell.
 pub fn score<'a>(cell: &'a Finished, method: &str) -> Option<&'a Score> {
     cell.scores.iter().find(|score| score.method == method)
 }
 
-/// The names of all expectations.
+/// Returns the names of all expectations.
 pub fn names() -> Vec<&'static str> {
     ExpectationName::all().into_iter().map(ExpectationName::as_str).collect()
 }
 
-/// Whether a ratio over this number of runs differs from one by enough, and significantly.
+/// Whether a ratio over this number of runs differs from one by a sufficient and significant amount.
 fn matters(ratio: Option<Figure>, runs: usize) -> bool {
     let Ok(student) = StudentsT::new(0.0, 1.0, (runs.max(2) - 1) as f64) else { return false };
     let errors = student.inverse_cdf(1.0 - CHANCE / 2.0);
     ratio.is_some_and(|r| r.value.ln().abs() >= MATTERS.ln_1p() && (r.value - 1.0).abs() >= errors * r.error)
 }
 
-/// Cells with the true Sigma.
+/// Returns the cells with the true Sigma.
 fn told_right(cells: &[Finished]) -> impl Iterator<Item = &Finished> {
     cells.iter().filter(|cell| cell.sigma == 1.0 && !cell.plant.starts_with("truss"))
 }
 
-/// For each plant and signal-to-noise ratio of the truss, the setting of Sigma / R at which `method` has the least
-/// free-run error.
+/// Returns, for a truss and a signal-to-noise ratio, the cell with the setting of Sigma / R at which `method` has the
+/// smallest free-run error.
 pub fn best_sigma<'a>(cells: &'a [Finished], plant: &str, signal_to_noise: f64, method: &str) -> Option<&'a Finished> {
     let value = |cell: &Finished| score(cell, method).and_then(|s| s.free_run).map_or(f64::INFINITY, |f| f.value);
     cells
@@ -50,18 +50,18 @@ pub fn best_sigma<'a>(cells: &'a [Finished], plant: &str, signal_to_noise: f64, 
 pub struct Standing {
     /// Its name.
     pub name: &'static str,
-    /// Least and largest NEES over the cells with the true Sigma.
+    /// Smallest and largest NEES over the cells with the true Sigma.
     pub nees: Option<(f64, f64)>,
-    /// The factor by which its NEES differs from one in these cells, geometric mean.
+    /// Geometric mean of the factor by which its NEES differs from one in these cells.
     pub miss: Option<f64>,
-    /// Least and largest rmse of a over the reference's in these cells.
+    /// Smallest and largest RMS error of a relative to that of the reference in these cells.
     pub rmse_a: Option<(f64, f64)>,
-    /// Free-run error over the default's, geometric mean over these cells.
+    /// Geometric mean over these cells of the free-run error relative to that of the default.
     pub free_run_in_class: Option<f64>,
-    /// Free-run error on the truss over the default's, geometric mean over its signal-to-noise ratios, each expectation
-    /// at the Sigma at which it does best.
+    /// Geometric mean over the signal-to-noise ratios of the truss of the free-run error relative to that of the
+    /// default, each expectation with its best Sigma.
     pub free_run_truss: Option<f64>,
-    /// Runs lost or with a useless model, over all cells.
+    /// Number of runs that are lost or have a useless model, over all cells.
     pub failed: usize,
 }
 
@@ -77,7 +77,7 @@ fn free_run(cell: &Finished, method: &str) -> Option<f64> {
     score(cell, method)?.free_run.map(|f| f.value)
 }
 
-/// Each plant with each of its signal-to-noise ratios.
+/// Returns each plant with each of its signal-to-noise ratios.
 fn places(cells: &[Finished]) -> Vec<(&str, f64)> {
     let mut places: Vec<(&str, f64)> = Vec::new();
     for cell in cells {
@@ -89,7 +89,7 @@ fn places(cells: &[Finished]) -> Vec<(&str, f64)> {
     places
 }
 
-/// The results of each of the five.
+/// Returns the verdict on each of the five expectations.
 pub fn standings(cells: &[Finished]) -> Vec<Standing> {
     let truss: Vec<(&str, f64)> = places(cells).into_iter().filter(|(plant, _)| plant.starts_with("truss")).collect();
     names()
@@ -114,13 +114,14 @@ pub fn standings(cells: &[Finished]) -> Vec<Standing> {
         .collect()
 }
 
-/// Free-run error over the default's: in class and on the truss count alike.
+/// Returns the free-run error relative to that of the default. Plants in the model class and the truss have equal
+/// weight.
 fn overall(standing: &Standing) -> Option<f64> {
     geometric([standing.free_run_in_class, standing.free_run_truss].into_iter().flatten())
 }
 
-/// The expectation to take: those whose mean free-run error is within two per cent of the least are alike, and of them
-/// it is the one whose NEES misses one by least.
+/// Returns the recommended expectation. Those whose mean free-run error is within two per cent of the smallest are
+/// equivalent; among them, it is the one whose NEES is closest to one.
 pub fn recommended(standings: &[Standing]) -> Option<&Standing> {
     let error = |s: &Standing| overall(s).unwrap_or(f64::INFINITY);
     let least = standings.iter().map(error).fold(f64::INFINITY, f64::min);
@@ -128,7 +129,7 @@ pub fn recommended(standings: &[Standing]) -> Option<&Standing> {
     alike.min_by(|x, y| x.miss.unwrap_or(f64::INFINITY).total_cmp(&y.miss.unwrap_or(f64::INFINITY)))
 }
 
-/// The sentences at the top of the report.
+/// Returns the sentences at the top of the report.
 pub fn sentences(cells: &[Finished]) -> Vec<String> {
     let standings = standings(cells);
     let mut all = Vec::new();
@@ -162,7 +163,8 @@ pub fn sentences(cells: &[Finished]) -> Vec<String> {
     all
 }
 
-/// Up to which signal-to-noise ratio any of the others differs from the default, and by how much at most.
+/// Returns sentences on the largest signal-to-noise ratio at which any other expectation differs from the default,
+/// and on the largest difference.
 fn where_it_matters(cells: &[Finished]) -> Vec<String> {
     let mut plants: Vec<&str> = cells.iter().map(|cell| cell.plant.as_str()).collect();
     plants.dedup();
@@ -199,7 +201,7 @@ fn where_it_matters_for(cells: &[Finished], plant: &str) -> Option<String> {
     ))
 }
 
-/// The cell with the true Sigma, for the truss with the one that is best for the default.
+/// Returns the cell with the true Sigma, or for the truss the cell with the Sigma that is best for the default.
 fn centre<'a>(cells: &'a [Finished], plant: &str, signal_to_noise: f64) -> Option<&'a Finished> {
     if plant.starts_with("truss") {
         return best_sigma(cells, plant, signal_to_noise, DEFAULT.name());
@@ -207,13 +209,13 @@ fn centre<'a>(cells: &'a [Finished], plant: &str, signal_to_noise: f64) -> Optio
     cells.iter().find(|cell| cell.plant == plant && cell.signal_to_noise == signal_to_noise && cell.sigma == 1.0)
 }
 
-/// How much the free-run error depends on the expectation and on Sigma.
+/// Returns a sentence on how much the free-run error depends on the expectation and on Sigma.
 fn against_sigma(cells: &[Finished]) -> Option<String> {
     let (mut choices, mut sigmas, mut choices_beyond) = (Vec::new(), Vec::new(), Vec::new());
     for (plant, snr) in places(cells) {
         let here = || cells.iter().filter(|cell| cell.plant == plant && cell.signal_to_noise == snr);
         let Some(centre) = centre(cells, plant, snr) else { continue };
-        // Decades are not exact in binary.
+        // Powers of ten are not exact in binary.
         let Some(beyond) = here().find(|cell| (cell.sigma / centre.sigma - 100.0).abs() < 1e-6) else { continue };
         let by_choice =
             |cell| range(names().iter().filter_map(|name| free_run(cell, name))).map(|(low, high)| high / low);
@@ -245,7 +247,7 @@ mod tests {
         Some(Figure { value, error })
     }
 
-    /// A cell whose methods have this NEES, free-run error and ratio of it to the default's.
+    /// Returns a cell whose methods have these values of NEES, free-run error and its ratio to that of the default.
     fn cell(plant: &str, signal_to_noise: f64, sigma: f64, scores: [(f64, f64, f64); 5]) -> Finished {
         let score = |(&method, (nees, free_run, ratio)): (&&str, (f64, f64, f64))| Score {
             method: method.into(),

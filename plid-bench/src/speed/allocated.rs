@@ -1,11 +1,12 @@
-//! What the program has allocated.
+//! The number of bytes that the program has allocated.
 
 use std::sync::OnceLock;
 
 static COUNTER: OnceLock<fn() -> usize> = OnceLock::new();
 
-/// States how to read the number of bytes that all threads of this program have ever allocated. A program whose
-/// allocator counts calls this before a study; the results of any other program have no allocations.
+/// Registers the function that reads the number of bytes that all threads of this program have ever allocated. A
+/// program whose allocator counts bytes calls it before a study. The results of any other program contain no
+/// allocations.
 pub fn count_allocations_by(bytes: fn() -> usize) {
     COUNTER.get_or_init(|| bytes);
 }

@@ -1,4 +1,4 @@
-//! The cells of the study, which are timed.
+//! The cells of the study, whose steps are timed.
 
 use plid_catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 use plid_core::StepSize;
@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::Noise;
 
-/// The number of outputs of every cell, the truss's.
+/// The number of outputs of every cell, which is that of the truss.
 pub const OUTPUTS: usize = plid_testbed::OUTPUTS;
 
-/// A recursion of which steps are timed.
+/// A recursion whose steps are timed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
     /// The number of states n.
@@ -26,43 +26,43 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// 3 x 3, f64, plain loops, one thread, diagonal noise.
+    /// Returns the cell with three inputs and three outputs, f64, plain loops, one thread and diagonal noise.
     pub fn plain(states: usize, covariance: CovarianceName, expectations: ExpectationName) -> Self {
         let variant = Variant { covariance, expectations, ..Variant::default() };
         Self { states, inputs: 3, noise: Noise::Diagonal, threads: 1, variant }
     }
 
-    /// Whether it is f64 on plain loops and one thread.
+    /// Whether the cell is in f64 on plain loops and one thread.
     pub fn is_plain(&self) -> bool {
         let Variant { backend, scalar, .. } = self.variant;
         (backend, scalar, self.threads) == (BackendName::Plain, ScalarName::F64, 1)
     }
 
-    /// The recursion's types, with the backend that has this number of threads.
+    /// Returns the recursion's types, with the backend for this number of threads.
     pub fn threaded(&self) -> Variant {
         let backend = if self.threads > 1 { BackendName::TwoThreads } else { self.variant.backend };
         Variant { backend, ..self.variant }
     }
 
-    /// N = (p + m + 1) n.
+    /// Returns N = (p + m + 1) n.
     pub fn joint_states(&self) -> usize {
         (OUTPUTS + self.inputs + 1) * self.states
     }
 
-    /// The sizes that its operations depend on.
+    /// Returns the sizes on which its operations depend.
     pub fn size(&self) -> StepSize {
         let (n, p, m) = (self.states as f64, OUTPUTS as f64, self.inputs as f64);
         StepSize { n, p, m, full_noise: self.noise == Noise::Full }
     }
 
-    /// The name of its operations: those do not depend on the library, the scalar or the threads.
+    /// Returns the name of its operations, which do not depend on the library, the scalar or the threads.
     pub fn operations_key(&self) -> String {
         let Variant { covariance, expectations, .. } = self.variant;
         let (form, expectation, noise) = (word(&covariance), word(&expectations), word(&self.noise));
         format!("operations n={} {}x{OUTPUTS} {form} {expectation} noise={noise}", self.states, self.inputs)
     }
 
-    /// The name by which cells of different runs are compared.
+    /// Returns the name by which cells of different runs are compared.
     pub fn key(&self) -> String {
         let Variant { covariance, expectations, backend, scalar, .. } = self.variant;
         format!(
@@ -79,7 +79,7 @@ impl Cell {
     }
 }
 
-/// A scalar's size in bytes.
+/// Returns the size of a scalar in bytes.
 pub fn scalar_bytes(scalar: ScalarName) -> usize {
     match scalar {
         ScalarName::F32 => 4,
@@ -88,7 +88,7 @@ pub fn scalar_bytes(scalar: ScalarName) -> usize {
     }
 }
 
-/// All conditional expectations, in the order of the operations that they need.
+/// Returns all conditional expectations in the order of the operations that they need.
 pub fn expectations() -> Vec<ExpectationName> {
     let flops = |expectations: ExpectationName| -> f64 {
         let cell = Cell::plain(24, CovarianceName::default(), expectations);
@@ -99,7 +99,7 @@ pub fn expectations() -> Vec<ExpectationName> {
     all
 }
 
-/// The name of a value in a config.
+/// Returns the name of a value in a config.
 pub fn word(name: &impl Serialize) -> String {
     match serde_json::to_value(name) {
         Ok(serde_json::Value::String(word)) => word,

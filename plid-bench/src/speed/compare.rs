@@ -11,7 +11,7 @@ use crate::study::StudyError;
 pub const TOLERANCE: f64 = 0.10;
 /// The smallest change that counts, in standard errors.
 const ERRORS: f64 = 3.0;
-/// Standard error of a median over that of a mean, for normal scatter.
+/// Ratio of the standard error of a median to that of a mean, for normal scatter.
 const MEDIAN: f64 = 1.2533;
 
 /// The comparison of an earlier run with a new one.
@@ -34,9 +34,9 @@ pub struct Comparison {
 pub struct Change {
     /// The cell's name.
     pub key: String,
-    /// Time in passes over P, formerly.
+    /// Earlier time in passes over P.
     pub old_passes: f64,
-    /// Time in passes over P, now.
+    /// New time in passes over P.
     pub new_passes: f64,
     /// The factor from old to new.
     pub factor: f64,
@@ -44,10 +44,10 @@ pub struct Change {
     pub threshold: f64,
 }
 
-/// The speed.json of an earlier run.
+/// Reads the speed.json of an earlier run.
 ///
 /// # Errors
-/// A file that cannot be read, or is not one of these.
+/// Returns an error for a file that cannot be read or is not a speed.json.
 pub fn read(path: &Path) -> Result<Outcome, StudyError> {
     let text = std::fs::read_to_string(path).map_err(StudyError::file(path))?;
     serde_json::from_str(&text).map_err(|error| StudyError::Content {
@@ -91,7 +91,7 @@ fn change(old: &Timing, new: &Timing, tolerance: f64) -> Change {
     }
 }
 
-/// Variance of the median of the logarithms; 0 for a single round, whose scatter is unknown.
+/// Returns the variance of the median of the logarithms, or 0 for a single round, whose scatter is unknown.
 fn variance(ratios: &[f64]) -> f64 {
     let count = ratios.len() as f64;
     if ratios.len() < 2 {
@@ -103,7 +103,7 @@ fn variance(ratios: &[f64]) -> f64 {
 }
 
 impl Comparison {
-    /// In words, for a terminal.
+    /// Returns the comparison in words for a terminal.
     pub fn text(&self) -> String {
         let mut text = String::new();
         for (name, changes) in [("slower", &self.slower), ("faster", &self.faster)] {

@@ -18,14 +18,13 @@ pub const QUICK: &str = include_str!("../../experiments/speed-quick.toml");
 pub struct Config {
     /// Number of rounds over all cells, so that a drift of the machine affects all of them equally.
     pub rounds: usize,
-    /// The least time of a visit's steps, in ms.
+    /// Smallest total time of the steps of a visit, in ms.
     pub visit_ms: f64,
-    /// The least number of steps over all rounds, for the percentiles.
+    /// Smallest number of steps over all rounds, for the percentiles.
     pub steps: usize,
-    /// Steps before the timed ones of each visit.
+    /// Number of steps before the timed ones of each visit.
     pub warm_up: usize,
-    /// The logical cores used, by number as the system counts them; left out, the last ones. The first is the one that
-    /// measures.
+    /// The logical cores used, by the numbers of the system; by default the last ones. The first of them measures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cores: Option<Vec<usize>>,
     /// Products of axes; a cell in several of them is measured once.
@@ -41,7 +40,7 @@ pub struct Cross {
     /// Numbers of inputs m, with three outputs.
     #[serde(default = "three_inputs")]
     pub inputs: Vec<usize>,
-    /// How P is carried.
+    /// Covariance forms.
     pub covariance: Vec<CovarianceName>,
     /// Conditional expectations.
     pub expectations: Vec<ExpectationName>,
@@ -54,7 +53,7 @@ pub struct Cross {
     /// Numbers of threads.
     #[serde(default = "one_thread")]
     pub threads: Vec<usize>,
-    /// Whether R and Q are diagonal, or all covariances of the noise full.
+    /// Shapes of the noise covariances: R and Q are diagonal, or all covariances are full.
     #[serde(default = "diagonal")]
     pub noise: Vec<Noise>,
 }
@@ -88,7 +87,7 @@ impl Config {
         };
         problems.extend(at_least("rounds", self.rounds, 1));
         problems.extend(at_least("steps", self.steps, 1));
-        // The first step is unlike the others: nothing is known yet.
+        // The first step differs from the others, because nothing is known yet.
         problems.extend(at_least("warm_up", self.warm_up, 1));
         if !(self.visit_ms >= 0.0 && self.visit_ms.is_finite()) {
             problems.push(("visit_ms", format!("{} is not 0 or above", self.visit_ms)));
@@ -126,7 +125,7 @@ impl Config {
         problems
     }
 
-    /// All cells, each once, in the order of the config.
+    /// Returns all cells, each once, in the order of the config.
     pub fn cells(&self) -> Vec<Cell> {
         let mut cells = Vec::new();
         for cross in &self.cross {
@@ -139,12 +138,12 @@ impl Config {
         cells
     }
 
-    /// The largest number of threads of a cell.
+    /// Returns the largest number of threads of a cell.
     pub fn threads(&self) -> usize {
         self.cross.iter().flat_map(|cross| &cross.threads).copied().max().unwrap_or(1)
     }
 
-    /// Steps of a visit at least.
+    /// Returns the smallest number of steps of a visit.
     pub fn steps_a_visit(&self) -> usize {
         self.steps.div_ceil(self.rounds)
     }

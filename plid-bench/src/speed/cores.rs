@@ -2,15 +2,15 @@
 
 use core_affinity::{CoreId, get_core_ids, set_for_current};
 
-/// The cores of a study, of which the first one measures.
+/// The cores of a study. The first of them measures.
 #[derive(Clone, Debug)]
 pub struct Cores {
     ids: Vec<usize>,
 }
 
 impl Cores {
-    /// The cores of the config, or the last `count` that this process may use: the first ones get most of the system's
-    /// own work.
+    /// Returns the cores of the config, or the last `count` that this process may use, because the first ones do most
+    /// of the system's own work.
     pub fn choose(given: Option<&[usize]>, count: usize) -> Self {
         let ids = match given {
             Some(ids) => ids.to_vec(),
@@ -19,7 +19,7 @@ impl Cores {
         Self { ids }
     }
 
-    /// Their numbers, as the system counts them; none where the system does not say.
+    /// Returns their numbers in the system. The list is empty if the system does not state them.
     pub fn ids(&self) -> &[usize] {
         &self.ids
     }

@@ -8,13 +8,14 @@ use super::cell::Cell;
 use super::visit::VisitError;
 use crate::Workload;
 
-/// The operations of one step of a cell's recursion on plain loops. Those of other libraries do the same products.
+/// Returns the operations of one step of a cell's recursion on plain loops. Other libraries compute the same
+/// products.
 ///
 /// # Errors
-/// As a visit.
+/// Returns the errors of a visit.
 pub fn count(cell: &Cell, workload: &Workload<'_>) -> Result<Operations, VisitError> {
     let recursion = workload.build(|form, noise, settings| {
-        // A P0 without zeros, so that kernels that skip zeros skip nothing.
+        // P0 contains no zeros, so kernels that skip zeros skip nothing.
         let size = form.joint_states();
         let full = Dense::from_fn(size, size, |i, j| if i == j { 1.0 } else { 0.5 / size as f64 });
         let settings = Settings { initial_covariance: InitialCovariance::Full(full), ..settings.clone() };
@@ -37,12 +38,13 @@ mod tests {
 
     const LESS: f64 = 0.01;
 
-    /// The kernels of the factored forms fill whole registers, also beyond a matrix's edge or diagonal.
+    /// Returns the permitted relative excess of the count. The kernels of the factored forms process whole registers,
+    /// even beyond the edge or diagonal of a matrix.
     fn more(form: CovarianceName) -> f64 {
         if form.is_factored() { 0.25 } else { 0.05 }
     }
 
-    /// The formulas that the forms and expectations state.
+    /// The counts agree with the formulas that the forms and expectations state.
     #[test]
     fn formulas_are_what_is_counted() {
         let mut off = Vec::new();

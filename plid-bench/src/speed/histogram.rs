@@ -2,15 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Parts of an octave: times are kept to about 1 %.
+/// Number of classes per octave, so that times are stored to about 1 %.
 const PARTS: f64 = 64.0;
 
-/// How often a step took how long; kept as pairs of a class and a count. Class c holds times around 2^(c / 64) ns.
+/// A histogram of step times, stored as pairs of a class and a count. Class c contains times around 2^(c / 64) ns.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Histogram(Vec<(u16, u64)>);
 
 impl Histogram {
-    /// Of times in ns.
+    /// Creates the histogram of times in ns.
     pub fn of(times: &[u32]) -> Self {
         let mut histogram = Self::default();
         for &time in times {
@@ -31,12 +31,12 @@ impl Histogram {
         other.0.iter().for_each(|&(class, count)| self.add(class, count));
     }
 
-    /// The number of times.
+    /// Returns the number of times.
     pub fn count(&self) -> u64 {
         self.0.iter().map(|&(_, count)| count).sum()
     }
 
-    /// The time in us that a share of all times does not exceed; NaN if there is none.
+    /// Returns the time in us that a share of all times does not exceed, or NaN if there are no times.
     pub fn quantile_us(&self, share: f64) -> f64 {
         let needed = (share * self.count() as f64).ceil().max(1.0) as u64;
         let mut seen = 0;

@@ -7,7 +7,7 @@ use std::time::Instant;
 use multiversion::multiversion;
 use plid_core::Scalar;
 
-/// x <- a x + b for every entry: no step that reads and writes all of P can be faster.
+/// Computes x <- a x + b for every entry. No step that reads and writes all of P can be faster.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma"))]
 fn sweep<S: Scalar>(x: &mut [S], a: S, b: S) {
     for x in x {
@@ -15,7 +15,7 @@ fn sweep<S: Scalar>(x: &mut [S], a: S, b: S) {
     }
 }
 
-/// Updates the lower triangle of an n x n column-major matrix as [`sweep`] does a vector.
+/// Updates the lower triangle of an n x n column-major matrix as [`sweep`] updates a vector.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma"))]
 fn sweep_triangle<S: Scalar>(x: &mut [S], n: usize, a: S, b: S) {
     for (j, column) in x.chunks_exact_mut(n).enumerate() {
@@ -25,10 +25,10 @@ fn sweep_triangle<S: Scalar>(x: &mut [S], n: usize, a: S, b: S) {
     }
 }
 
-/// Independent sums: enough to fill the pipeline of every instruction set.
+/// Number of independent sums. It is large enough to fill the pipeline of every instruction set.
 const SUMS: usize = 128;
 
-/// `rounds` multiplications and additions in each of [`SUMS`] numbers that stay in registers.
+/// Carries out `rounds` multiplications and additions in each of [`SUMS`] numbers that stay in registers.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma"))]
 fn multiply_and_add<S: Scalar>(sums: &mut [S; SUMS], rounds: usize, a: S, b: S) {
     let mut inside = *sums;
@@ -49,7 +49,7 @@ pub struct Pass<S> {
 }
 
 impl<S: Scalar> Pass<S> {
-    /// A matrix of `size` x `size`.
+    /// Creates a matrix of `size` x `size`.
     pub fn new(size: usize) -> Self {
         Self { matrix: vec![S::zero(); size * size], size, a: S::from_f64(0.9), b: S::from_f64(0.1) }
     }
@@ -67,11 +67,11 @@ impl<S: Scalar> Pass<S> {
     }
 }
 
-/// The least time of a measurement of a limit, s, and the number of times it is repeated, of which the median counts.
+/// Smallest duration of a measurement of a limit in s, and the number of measurements whose median is used.
 const LEAST_S: f64 = 1e-3;
 const REPEATS: usize = 9;
 
-/// Median time of one call of `work`, s.
+/// Returns the median time of one call of `work` in s.
 pub fn time(mut work: impl FnMut()) -> f64 {
     // The first call brings the matrix into the caches.
     work();
@@ -93,13 +93,13 @@ pub fn time(mut work: impl FnMut()) -> f64 {
     times[REPEATS / 2]
 }
 
-/// Time of a pass over an N x N matrix, s: the whole, and one triangle.
+/// Returns the time in s of a pass over a whole N x N matrix, and over one triangle.
 pub fn passes<S: Scalar>(size: usize) -> [f64; 2] {
     let mut pass = Pass::<S>::new(size);
     [time(|| pass.full()), time(|| pass.triangle())]
 }
 
-/// Multiplications and additions a second that one core does, in registers.
+/// Returns the number of multiplications and additions per second of one core in registers.
 pub fn peak<S: Scalar>() -> f64 {
     const ROUNDS: usize = 1000;
     let mut sums = [S::one(); SUMS];

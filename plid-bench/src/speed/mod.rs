@@ -1,4 +1,4 @@
-//! The study of speed: the time of a step, compared with the limits of the machine.
+//! The study of speed, which compares the time of a step with the limits of the machine.
 //!
 //! [`carry_out`] measures, [`Outcome`] holds the results, [`write_all`] writes the files, and [`compare`] compares them
 //! with those of an earlier run.
@@ -46,13 +46,13 @@ pub enum Entry {
     Visit(Visit),
     /// Passes over matrices in one round.
     Limit(Limit),
-    /// The speed of one core in registers, 10^9 multiplications and additions a second.
+    /// The speed of one core in registers, in 10^9 multiplications and additions per second.
     PeakGflops(f64),
     /// The operations of a step.
     Operations(Operations),
 }
 
-/// Length of the truss's record, s.
+/// Length of the record of the truss in s.
 const RECORD_S: f64 = 1.0;
 
 /// The measurements, in the order of a round.
@@ -73,7 +73,7 @@ impl Item {
     }
 }
 
-/// The limits that the cells need, then the cells.
+/// Returns the limits that the cells need, followed by the cells.
 fn items(cells: &[Cell]) -> Vec<Item> {
     let mut items: Vec<Item> = Vec::new();
     let mut add = |item: Item| {
@@ -162,6 +162,6 @@ pub fn write_all(outcome: &Outcome, peers: Option<&peers::Peers>, directory: &Pa
     write_json(&directory.join("machine.json"), &outcome.machine)?;
     write_csv(&directory.join("speed.csv"), outcome.rows())?;
     write(&directory.join("report.html"), report::page(outcome, peers).to_html())?;
-    // Written last, so that its presence means that the other files exist.
+    // This file is written last, so that its presence shows that the other files exist.
     write_json(&directory.join("speed.json"), outcome)
 }

@@ -16,26 +16,27 @@ use crate::Noise;
 use crate::study::Machine;
 use plid_model::signal::median;
 
-/// All figures of a study; speed.json.
+/// All figures of a study, which are the content of speed.json.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     /// The machine.
     pub machine: Machine,
-    /// The logical cores used, the one that measured first; none where the system does not say.
+    /// The logical cores used, beginning with the one that measured. The list is empty if the system does not state
+    /// them.
     pub cores: Vec<usize>,
-    /// Whether threads were kept on them.
+    /// Whether the threads were pinned to these cores.
     pub pinned: bool,
     /// The config.
     pub config: Config,
-    /// Cells that need more cores than there are.
+    /// Cells that need more cores than the machine has.
     pub skipped: Vec<String>,
-    /// Multiplications and additions in registers, of one core.
+    /// The speeds of one core in registers.
     pub peaks: Vec<Peak>,
-    /// Passes over matrices.
+    /// The passes over matrices.
     pub limits: Vec<Limits>,
-    /// Steps.
+    /// The times of the steps.
     pub timings: Vec<Timing>,
-    /// Growth with N.
+    /// The growth of time and operations with N.
     pub slopes: Vec<Slope>,
 }
 
@@ -44,51 +45,51 @@ pub struct Outcome {
 pub struct Peak {
     /// The number type.
     pub scalar: ScalarName,
-    /// Multiplications and additions, 10^9 a second; the best of the rounds.
+    /// Multiplications and additions in 10^9 per second, the best of the rounds.
     pub gflops: f64,
 }
 
 /// Passes over an N x N matrix.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
-    /// N.
+    /// Joint number of states and parameters N.
     pub joint_states: usize,
     /// The number type.
     pub scalar: ScalarName,
-    /// Reading and writing the whole matrix, us.
+    /// Time to read and write the whole matrix in us.
     pub full_us: f64,
-    /// Reading and writing its lower triangle, us.
+    /// Time to read and write its lower triangle in us.
     pub triangle_us: f64,
-    /// Bytes read and written by the pass over the whole, 10^9 a second.
+    /// Bytes read and written by the pass over the whole matrix, in 10^9 per second.
     pub gbytes_s: f64,
 }
 
-/// Steps of one cell.
+/// The steps of one cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Timing {
     /// The cell's name.
     pub key: String,
     /// The cell.
     pub cell: Cell,
-    /// N.
+    /// Joint number of states and parameters N.
     pub joint_states: usize,
-    /// Steps timed.
+    /// Number of timed steps.
     pub steps: u64,
-    /// Median over the rounds of the median time of a step, us.
+    /// Median over the rounds of the median time of a step in us.
     pub median_us: f64,
-    /// The least of them, us.
+    /// The smallest of these medians in us.
     pub least_us: f64,
-    /// The time that 99 % of all steps do not exceed, us.
+    /// The time in us that 99 % of all steps do not exceed.
     pub p99_us: f64,
-    /// The time that 99.9 % of all steps do not exceed, us.
+    /// The time in us that 99.9 % of all steps do not exceed.
     pub p99_9_us: f64,
-    /// The longest step, us.
+    /// The longest step in us.
     pub longest_us: f64,
-    /// A step's time over that of a pass over P in the same visit, for each round.
+    /// Ratio of the time of a step to that of a pass over P in the same visit, for each round.
     pub pass_ratios: Vec<f64>,
-    /// The median of these.
+    /// The median of these ratios.
     pub passes: f64,
-    /// Bytes allocated within all timed steps; none where they were not counted.
+    /// Number of bytes allocated within all timed steps; `None` if they were not counted.
     pub allocated_bytes: Option<usize>,
     /// Number of times that the recursion failed and was restarted.
     pub restarts: usize,
@@ -96,18 +97,18 @@ pub struct Timing {
     pub operations: Operations,
     /// Bytes of P, its factors and their scratch that a step must read or write.
     pub bytes: f64,
-    /// Operations done, 10^9 a second.
+    /// Operations in 10^9 per second.
     pub gflops: f64,
-    /// Those bytes, 10^9 a second.
+    /// These bytes in 10^9 per second.
     pub gbytes_s: f64,
 }
 
-/// How time and operations grow with N: least squares of the logarithms.
+/// The growth of time and operations with N, by least squares of the logarithms.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Slope {
     /// The recursion.
     pub variant: Variant,
-    /// Sizes N.
+    /// The sizes N.
     pub sizes: Vec<usize>,
     /// Slope of log time.
     pub time: f64,
@@ -115,16 +116,16 @@ pub struct Slope {
     pub operations: f64,
 }
 
-/// The sizes that slopes are taken over.
+/// The sizes over which slopes are computed.
 const SLOPE_SIZES: std::ops::RangeInclusive<usize> = 168..=448;
 
 impl Outcome {
-    /// The timing of a cell.
+    /// Returns the timing of a cell.
     pub fn timing(&self, cell: &Cell) -> Option<&Timing> {
         self.timings.iter().find(|timing| timing.cell == *cell)
     }
 
-    /// The timing of f64, plain loops, one thread, diagonal noise, 3 x 3.
+    /// Returns the timing of f64 on plain loops and one thread, with diagonal noise and three inputs and outputs.
     pub fn plain(&self, states: usize, covariance: CovarianceName, expectations: ExpectationName) -> Option<&Timing> {
         self.timing(&Cell::plain(states, covariance, expectations))
     }
@@ -142,18 +143,18 @@ impl Outcome {
         self.timing(&cell)
     }
 
-    /// The passes of a size and scalar.
+    /// Returns the passes of a size and scalar.
     pub fn limits(&self, joint_states: usize, scalar: ScalarName) -> Option<&Limits> {
         self.limits.iter().find(|limits| limits.joint_states == joint_states && limits.scalar == scalar)
     }
 
-    /// The peak of a scalar, 10^9 operations a second.
+    /// Returns the peak of a scalar in 10^9 operations per second.
     pub fn peak(&self, scalar: ScalarName) -> Option<f64> {
         self.peaks.iter().find(|peak| peak.scalar == scalar).map(|peak| peak.gflops)
     }
 
-    /// The least time that the measured limits leave for a timing's operations and bytes on one thread, us: the
-    /// operations at the peak, and the bytes at the rate of a pass over P.
+    /// Returns the smallest times in us that the measured limits permit on one thread, for the operations of a timing
+    /// at the peak, and for its bytes at the rate of a pass over P.
     pub fn bounds_us(&self, timing: &Timing) -> Option<[f64; 2]> {
         let scalar = timing.cell.variant.scalar;
         let rate = self.limits(timing.joint_states, scalar)?.gbytes_s;
@@ -190,7 +191,7 @@ pub struct Row {
 }
 
 impl Outcome {
-    /// The lines of speed.csv.
+    /// Returns the lines of speed.csv.
     pub fn rows(&self) -> impl Iterator<Item = Row> {
         self.timings.iter().map(|timing| Row {
             states: timing.cell.states,
@@ -234,7 +235,7 @@ impl Found {
         self.0.get(key).into_iter().flatten().filter_map(pick).collect()
     }
 
-    /// Derived figures.
+    /// Returns the derived figures.
     pub fn outcome(
         &self,
         config: &Config,
@@ -289,7 +290,7 @@ impl Found {
     }
 }
 
-/// A cell's figures from its visits, one a round.
+/// Returns the figures of a cell from its visits, of which there is one per round.
 pub fn timing(cell: &Cell, visits: &[&Visit], operations: Operations) -> Timing {
     let mut times = Histogram::default();
     visits.iter().for_each(|visit| times.merge(&visit.times));
@@ -318,7 +319,7 @@ pub fn timing(cell: &Cell, visits: &[&Visit], operations: Operations) -> Timing 
     }
 }
 
-/// A size's passes from those of the rounds.
+/// Returns the passes of a size from those of the rounds.
 pub fn limits(joint_states: usize, scalar: ScalarName, rounds: &[Limit]) -> Limits {
     let of = |field: fn(&Limit) -> f64| median(&rounds.iter().map(field).collect::<Vec<_>>());
     let full_us = of(|limit| limit.full_us);
@@ -327,7 +328,8 @@ pub fn limits(joint_states: usize, scalar: ScalarName, rounds: &[Limit]) -> Limi
     Limits { joint_states, scalar, full_us, triangle_us: of(|limit| limit.triangle_us), gbytes_s }
 }
 
-/// The slopes of every recursion that was timed at three sizes at least, 3 x 3, one thread, diagonal noise.
+/// Returns the slopes of every recursion that was timed at three or more sizes, with three inputs and outputs, one
+/// thread and diagonal noise.
 pub fn slopes(timings: &[Timing]) -> Vec<Slope> {
     let fits = |timing: &&Timing| {
         let cell = &timing.cell;
@@ -353,7 +355,7 @@ pub fn slopes(timings: &[Timing]) -> Vec<Slope> {
     slopes
 }
 
-/// Least squares.
+/// Returns the slope of a line by least squares.
 fn slope(points: &[(f64, f64)]) -> f64 {
     let count = points.len() as f64;
     let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;
@@ -399,7 +401,7 @@ mod tests {
 pub mod testing {
     use super::*;
 
-    /// A timing with these ratios, of a pass of 10 us.
+    /// Returns a timing with these ratios to a pass of 10 us.
     pub fn timing(
         states: usize,
         covariance: CovarianceName,
@@ -420,7 +422,7 @@ pub mod testing {
         super::timing(&cell, &visits.iter().collect::<Vec<_>>(), operations)
     }
 
-    /// An outcome of these timings, on this machine.
+    /// Returns an outcome of these timings on this machine.
     pub fn outcome(timings: Vec<Timing>) -> Outcome {
         let config = Config { rounds: 1, visit_ms: 0.0, steps: 1, warm_up: 1, cores: None, cross: Vec::new() };
         let mut limits: Vec<Limits> = Vec::new();

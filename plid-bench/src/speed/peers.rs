@@ -9,7 +9,7 @@ use crate::study::StudyError;
 /// A file with the times of peers. Other keys are ignored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Peers {
-    /// A part for each size of the problem.
+    /// One part for each size of the problem.
     pub sizes: Vec<Size>,
 }
 
@@ -22,7 +22,7 @@ pub struct Size {
     pub inputs: usize,
     /// The number of outputs p.
     pub outputs: usize,
-    /// Those that agree with plid.
+    /// The peers that agree with plid.
     pub peers: Vec<Peer>,
     /// Peers that do not agree or do not run.
     #[serde(default)]
@@ -34,19 +34,19 @@ pub struct Size {
 pub struct Peer {
     /// Its name.
     pub name: String,
-    /// Its package's version.
+    /// The version of its package.
     pub version: String,
-    /// How it carries P.
+    /// Its covariance form.
     pub form: String,
     /// The number type.
     pub dtype: String,
     /// Whether it makes use of the zeros and ones of the transition; otherwise it multiplies N x N matrices.
     pub structured: bool,
-    /// Its time of a step, us.
+    /// Its time of a step in us.
     pub us_per_step: f64,
-    /// The time of plid's direct form in turn with it, us.
+    /// The time in us of plid's direct form, measured in alternation with it.
     pub plid_us_per_step: f64,
-    /// The median ratio of the two.
+    /// The median ratio of the two times.
     pub ratio: f64,
     /// The largest relative difference of its s and P from plid's on the same data.
     pub agreement: f64,
@@ -57,12 +57,12 @@ pub struct Peer {
 pub struct Refused {
     /// Its name.
     pub name: String,
-    /// Why.
+    /// The reason.
     pub refused: String,
 }
 
 impl Peers {
-    /// The peer with the least time at a size, 3 x 3, in f64.
+    /// Returns the fastest peer at a size, with three inputs and outputs, in f64.
     pub fn fastest(&self, n: usize, structured: bool) -> Option<&Peer> {
         let size = self.sizes.iter().find(|size| (size.n, size.inputs, size.outputs) == (n, 3, 3))?;
         let known = size.peers.iter().filter(|peer| peer.structured == structured && peer.dtype == "f64");
@@ -73,7 +73,7 @@ impl Peers {
 /// Reads a file of peers' times.
 ///
 /// # Errors
-/// A file that cannot be read, or is not one of these.
+/// Returns an error for a file that cannot be read or does not contain such times.
 pub fn read(path: &Path) -> Result<Peers, StudyError> {
     let text = std::fs::read_to_string(path).map_err(StudyError::file(path))?;
     serde_json::from_str(&text).map_err(|error| StudyError::Content {

@@ -12,7 +12,7 @@ use crate::Noise;
 /// Grey, for references.
 const REFERENCE: &str = "#8f8f8f";
 
-/// All pictures that the measured cells allow, with their captions.
+/// Returns all pictures that the measured cells permit, with their captions.
 pub fn all(outcome: &Outcome) -> Vec<(String, String)> {
     let mut pictures = Vec::new();
     if let Some(expectations) = shown_expectation(outcome) {
@@ -24,13 +24,15 @@ pub fn all(outcome: &Outcome) -> Vec<(String, String)> {
     pictures
 }
 
-/// The expectation that the pictures of all forms are drawn for: the default one if it was measured.
+/// Returns the expectation for which the pictures of all forms are drawn, which is the default one if it was
+/// measured.
 pub fn shown_expectation(outcome: &Outcome) -> Option<ExpectationName> {
     let measured = |e: &ExpectationName| plain(outcome).any(|timing| timing.cell.variant.expectations == *e);
     Some(ExpectationName::default()).filter(measured).or_else(|| expectations().into_iter().find(measured))
 }
 
-/// The numbers of states in f64 on plain loops, one thread, 3 x 3, diagonal noise.
+/// Returns the numbers of states measured in f64 on plain loops and one thread, with three inputs and outputs and
+/// diagonal noise.
 pub fn sizes(outcome: &Outcome) -> Vec<usize> {
     let mut sizes: Vec<usize> = plain(outcome).map(|timing| timing.cell.states).collect();
     sizes.sort_unstable();

@@ -1,4 +1,4 @@
-//! report.html: a summary, figures, the targets, and the tables behind them.
+//! The content of report.html: a summary, figures, the targets, and the tables behind them.
 
 use itertools::Itertools;
 use plid_catalogue::CovarianceName;
@@ -47,7 +47,7 @@ fn verdict(outcome: &Outcome, peers: Option<&Peers>, report: Report) -> Report {
     sentences.into_iter().fold(report, Report::verdict)
 }
 
-/// The forms at the largest size that was measured, under one expectation.
+/// Returns a sentence on the forms at the largest measured size with one expectation.
 fn largest(outcome: &Outcome) -> Option<String> {
     let states = pictures::sizes(outcome).into_iter().max()?;
     let expectations = pictures::shown_expectation(outcome)?;
@@ -71,7 +71,8 @@ fn largest(outcome: &Outcome) -> Option<String> {
     ))
 }
 
-/// The paper's "as much as 10x more", over all sizes, expectations and shapes of noise in f64 on one thread.
+/// Returns a sentence on the paper's "as much as 10x more", over all sizes, expectations and shapes of noise in f64
+/// on one thread.
 pub(super) fn claim(outcome: &Outcome) -> Option<String> {
     let range = |form| {
         let ratios: Vec<f64> = outcome
@@ -197,7 +198,7 @@ fn slope_table(outcome: &Outcome) -> Table {
     })
 }
 
-/// Where the operations of a step go, a column a form.
+/// Returns a table of the operations of a step by purpose, with one column per form.
 fn term_table(outcome: &Outcome) -> Table {
     let expectations = pictures::shown_expectation(outcome).unwrap_or_default();
     let caption = format!(

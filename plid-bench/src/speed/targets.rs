@@ -8,9 +8,9 @@ use super::outcome::{Outcome, Timing};
 use super::peers::Peers;
 use crate::Noise;
 
-/// The size that the targets are for.
+/// The number of states for which the targets are set.
 pub const STATES: usize = 64;
-/// The time between two samples at 1600 Hz, us.
+/// The time between two samples at 1600 Hz in us.
 pub const SAMPLE_US: f64 = 625.0;
 
 /// One target.
@@ -18,18 +18,18 @@ pub const SAMPLE_US: f64 = 625.0;
 pub struct Target {
     /// The quantity.
     pub what: String,
-    /// The target in words; empty where the quantity is only stated.
+    /// The target in words; empty if there is none for the quantity.
     pub target: String,
     /// The measured value in words.
     pub found: String,
-    /// Whether it is reached; none where it is only stated.
+    /// Whether the target is reached; `None` if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub met: Option<bool>,
     /// The limiting factor, if the target is missed.
     pub reason: String,
 }
 
-/// All targets of which the cells were measured.
+/// Returns all targets whose cells were measured.
 pub fn targets(outcome: &Outcome, peers: Option<&Peers>) -> Vec<Target> {
     let mut targets = Vec::new();
     targets.extend(all_expectations().into_iter().filter_map(|e| passes(outcome, e)));
@@ -71,7 +71,7 @@ fn passes(outcome: &Outcome, expectations: Expectation) -> Option<Target> {
     Some(at_most(what, timing.passes, 3.0, "passes over P", || reason(outcome, timing, limit_us)))
 }
 
-/// The time of a form against the direct form's. Only the built-in forms have targets.
+/// Compares the time of a form with that of the direct form. Only the built-in forms have targets.
 fn against_direct(outcome: &Outcome, form: Form, expectations: Expectation, noise: Noise) -> Option<Target> {
     let of = |form| outcome.of(STATES, form, expectations, |cell| cell.noise = noise);
     let (timing, direct) = (of(form)?, of(Form::Direct)?);
@@ -96,7 +96,7 @@ fn stated(what: String, found: String) -> Target {
     Target { what, target: String::new(), found, met: None, reason: String::new() }
 }
 
-/// Why a step does not reach its target time, by the measured limits.
+/// Returns the reason why a step does not reach its target time, according to the measured limits.
 fn reason(outcome: &Outcome, timing: &Timing, target_us: f64) -> String {
     let Some([operations_us, bytes_us]) = outcome.bounds_us(timing) else { return "no limit was measured".into() };
     let megaflops = timing.operations.total() as f64 / 1e6;

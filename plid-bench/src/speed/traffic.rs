@@ -1,9 +1,9 @@
-//! Bytes that a step cannot do without, counted from the algorithm.
+//! The number of bytes that a step must read or write, derived from the algorithm.
 
 use super::cell::{Cell, OUTPUTS, scalar_bytes};
 
-/// Bytes that a step must read or write, whatever its order of work, if nothing but the last step's sums stays in
-/// registers:
+/// Returns the number of bytes that a step must read or write, whatever the order of its operations, if only the sums
+/// of the last step stay in registers:
 ///
 /// - P, or its factor, one triangle with its diagonal: read once and written once, 2 N (N + 1) / 2;
 /// - the estimate s: read once and written once, 2 N;

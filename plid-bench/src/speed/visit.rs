@@ -19,14 +19,15 @@ use crate::{Loop, Workload};
 /// The result of a visit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Visit {
-    /// Median time of a step, us.
+    /// Median time of a step in us.
     pub median_us: f64,
-    /// Time of a pass over an N x N matrix, us: the mean of one right before the steps and one right after them.
+    /// Time of a pass over an N x N matrix in us, as the mean of one pass right before the steps and one right after
+    /// them.
     pub pass_us: f64,
-    /// Bytes that all threads allocate within the timed steps; none where the program does not count them.
+    /// Number of bytes that all threads allocate within the timed steps; `None` if the program does not count them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub allocated_bytes: Option<usize>,
-    /// How often the recursion failed and was restarted.
+    /// Number of times that the recursion failed and was restarted.
     pub restarts: usize,
     /// Times of all steps.
     pub times: Histogram,
@@ -35,35 +36,35 @@ pub struct Visit {
 /// Limits of one matrix size and scalar.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limit {
-    /// Time of a pass over the whole matrix, us.
+    /// Time of a pass over the whole matrix in us.
     pub full_us: f64,
-    /// Time of a pass over its lower triangle, us.
+    /// Time of a pass over its lower triangle in us.
     pub triangle_us: f64,
 }
 
 /// A recursion that cannot be timed.
 #[derive(Debug, thiserror::Error)]
 pub enum VisitError {
-    /// It cannot be built.
+    /// The recursion cannot be built.
     #[error(transparent)]
     Variant(#[from] VariantError),
-    /// The system gives no more threads.
+    /// The system cannot provide the threads.
     #[error(transparent)]
     Threads(#[from] rayon::ThreadPoolBuildError),
-    /// It fails again and again.
+    /// The recursion fails repeatedly.
     #[error("it fails again and again: {0}")]
     Fails(IdentifierError),
 }
 
 /// Number of failures within a visit that are tolerated.
 const MOST_RESTARTS: usize = 3;
-/// Single times that are kept of a visit at most.
+/// Largest number of single times that are stored for a visit.
 const MOST_STEPS: usize = 100_000;
 
-/// Visits a cell: a pass, the warm-up, the timed steps, a pass.
+/// Visits a cell: measures a pass, warms up, times the steps, and measures another pass.
 ///
 /// # Errors
-/// [`VisitError`]
+/// Returns a [`VisitError`].
 pub fn visit(cell: &Cell, workload: &Workload<'_>, cores: &Cores, config: &Config) -> Result<Visit, VisitError> {
     let build = || workload.recursion(cell.threaded());
     let timed = || {
@@ -121,7 +122,7 @@ fn median_us(times: &[u32]) -> f64 {
     median(&times.iter().map(|&ns| f64::from(ns) / 1e3).collect::<Vec<f64>>())
 }
 
-/// Time of a pass over an N x N matrix, us.
+/// Returns the time of a pass over an N x N matrix in us.
 fn one_pass(scalar: ScalarName, size: usize) -> f64 {
     fn of<S: Scalar>(size: usize) -> f64 {
         let mut pass = Pass::<S>::new(size);
@@ -134,7 +135,7 @@ fn one_pass(scalar: ScalarName, size: usize) -> f64 {
     }
 }
 
-/// Passes over a matrix of this size.
+/// Measures passes over a matrix of this size.
 pub fn limit(scalar: ScalarName, size: usize, cores: &Cores) -> Limit {
     let [full, triangle] = cores.on(0, |_| match scalar {
         ScalarName::F32 => passes::<f32>(size),
@@ -144,7 +145,7 @@ pub fn limit(scalar: ScalarName, size: usize, cores: &Cores) -> Limit {
     Limit { full_us: 1e6 * full, triangle_us: 1e6 * triangle }
 }
 
-/// Multiplications and additions in registers, 10^9 a second.
+/// Returns the speed in registers in 10^9 multiplications and additions per second.
 pub fn peak_gflops(scalar: ScalarName, cores: &Cores) -> f64 {
     1e-9 * cores.on(0, |_| match scalar {
         ScalarName::F32 => peak::<f32>(),
@@ -171,7 +172,7 @@ mod tests {
         assert_eq!((visit.times.count(), visit.restarts), (30, 0));
         assert!(visit.median_us > 0.0 && visit.pass_us > 0.0);
         assert!((visit.times.quantile_us(0.5) / visit.median_us - 1.0).abs() < 0.5);
-        // Tests have no counting allocator: nothing is claimed then.
+        // Tests have no counting allocator, so the visit states no allocations.
         assert_eq!(visit.allocated_bytes, None);
     }
 

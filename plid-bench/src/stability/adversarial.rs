@@ -1,4 +1,4 @@
-//! Records that are difficult for a covariance. Each test below checks the property after which the record is named.
+//! Records that are difficult for a covariance. Each test below checks the property that gives the record its name.
 
 use ndarray::{Array2, s};
 use plid_testbed::{
@@ -16,7 +16,7 @@ pub const GAP: f64 = 0.1;
 pub const MODE_HZ: f64 = 136.0;
 /// Clipping level of the output converters in V, about the RMS of the outputs.
 pub const CLIP_V: f64 = 0.45;
-/// The share of a record of wind-up that has no input, in its middle.
+/// The share of a wind-up record, in its middle, that has no input.
 pub const QUIET: f64 = 0.6;
 
 /// The truss with sensor noise only, and without converters.
@@ -45,14 +45,15 @@ pub fn dependent_inputs(samples: usize) -> Result<Record, TestbedError> {
         simulate_input(config, input.view())
     };
     let mut record = of_simulation(&depend(&lasting(bare(), samples))?, &bare())?;
-    // The check asks for what the data tell, and for no more.
+    // The check tests only what the data determine.
     let check = depend(&lasting(TrussConfig { seed: bare().seed + 1, ..bare() }, record.check.inputs.nrows()))?;
     (record.check.inputs, record.check.outputs) = (check.commands, check.noise_free);
     record.actuator = amplifier_variance();
     Ok(record)
 }
 
-/// Sines in the band of the modes, none of them near one mode, and no disturbance that could excite it instead.
+/// Sines in the band of the modes, with none near the omitted mode, and without a disturbance that could excite this
+/// mode instead.
 pub fn unexcited_mode(samples: usize) -> Result<Record, TestbedError> {
     let multisine = Multisine { band_hz: [20.0, MODE_HZ * (1.0 - GAP)], ..Multisine::default() };
     let upper = Multisine { band_hz: [MODE_HZ * (1.0 + GAP), 300.0], ..multisine.clone() };
@@ -73,7 +74,7 @@ pub fn saturated_converters(samples: usize) -> Result<Record, TestbedError> {
     Ok(record)
 }
 
-/// Excitation, a long time without input, excitation again.
+/// Excitation, followed by a long time without input and by further excitation.
 pub fn wind_up(samples: usize) -> Result<Record, TestbedError> {
     let config = lasting(TrussConfig::default(), samples);
     let mut input = command(&config)?;
@@ -82,13 +83,14 @@ pub fn wind_up(samples: usize) -> Result<Record, TestbedError> {
     of_simulation(&simulate_input(&config, input.view())?, &TrussConfig::default())
 }
 
-/// The samples without input.
+/// Returns the range of samples without input.
 pub fn quiet(samples: usize) -> std::ops::Range<usize> {
     let edge = (samples as f64 * (1.0 - QUIET) / 2.0) as usize;
     edge..samples - edge
 }
 
-/// The amplifier noise assumed by the recursion, that of the default truss, although there is none.
+/// Returns the variance of the amplifier noise that the recursion assumes. It is that of the default truss, although
+/// there is no such noise.
 fn amplifier_variance() -> f64 {
     NoiseConfig::default().amplifier_rms_v.powi(2)
 }
@@ -99,7 +101,7 @@ fn relative_power(signal: impl Iterator<Item = f64> + Clone, hz: f64, rate_hz: f
     let (mut re, mut im, mut power) = (0.0, 0.0, 0.0);
     let count = signal.clone().count();
     for (k, x) in signal.enumerate() {
-        // A window, so that lines far away do not leak in.
+        // A window prevents leakage from distant lines.
         let window = 1.0 - (std::f64::consts::TAU * (k as f64 + 0.5) / count as f64).cos();
         let angle = std::f64::consts::TAU * hz * k as f64 / rate_hz;
         re += window * x * angle.cos();

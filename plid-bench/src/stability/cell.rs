@@ -19,22 +19,22 @@ use super::reference::Reference;
 pub struct Cell {
     /// The group.
     pub group: Group,
-    /// How P is carried.
+    /// The covariance form.
     pub form: CovarianceName,
     /// The number type.
     pub scalar: ScalarName,
     /// Number of steps.
     pub done: usize,
-    /// The recursion's own error, if it stopped.
+    /// The error of the recursion, if it stopped.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stop: Option<Stop>,
     /// The first inspection at which P was not positive definite, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub indefinite: Option<Indefinite>,
-    /// Against double-double on the same record from the start.
+    /// Errors relative to double-double on the same record from the start.
     pub errors: Vec<ErrorAt>,
-    /// Against one step of the same form in double-double from the same s and P: the rounding error of one step. For a
-    /// form that orthogonalises, the loss of orthogonality is in it: U D U^T is no longer W D_w W^T.
+    /// Rounding errors of single steps, relative to one step of the same form in double-double from the same s and P.
+    /// For a form that orthogonalises, they include the loss of orthogonality: U D U^T is no longer W D_w W^T.
     pub local: Vec<LocalAt>,
     /// Symmetry defect of P at the end, as defined in [`plid_core::Health`].
     pub symmetry_defect: f64,
@@ -44,23 +44,26 @@ pub struct Cell {
     /// Condition of P at the end, as defined there; `None` if it is not finite.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub condition: Option<f64>,
-    /// RMS of the free run's error over RMS of the output, on the check; `None` if it diverges or the run stopped.
+    /// RMS of the free-run error over RMS of the output, on the check; `None` if the free run diverges or the run
+    /// stopped.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run: Option<f64>,
-    /// Of the parameters, a degree of freedom, where the plant is of the model's class.
+    /// Normalised estimation error squared of the parameters per degree of freedom, if the plant is of the model's
+    /// class.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nees: Option<f64>,
-    /// s after the step at which frequency responses are compared; empty if the run stopped before it.
+    /// The estimate s after the step at which frequency responses are compared; empty if the run stopped before this
+    /// step.
     pub estimate: Vec<f64>,
-    /// Where the check's inputs have power, Hz.
+    /// The band in Hz in which the inputs of the check have power.
     pub band_hz: [f64; 2],
-    /// Samples a second.
+    /// Sample rate in Hz.
     pub rate_hz: f64,
     /// Time per step, excluding inspections. It is indicative only, because cells run in parallel.
     pub microseconds_per_step: f64,
 }
 
-/// The end of a run before its time.
+/// The premature end of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stop {
     /// The step, from 1.
@@ -69,16 +72,16 @@ pub struct Stop {
     pub reason: String,
 }
 
-/// P has lost its positivity.
+/// The loss of positive definiteness of P.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Indefinite {
-    /// The last look at which P was sound; 0 for the start.
+    /// The last inspection at which P was sound; 0 for the start.
     pub after: usize,
-    /// The first at which it was not.
+    /// The first inspection at which it was not.
     pub by: usize,
     /// The entry of s at which the factorisation failed, in words.
     pub entry: String,
-    /// The pivot: of the correlation matrix, or of the factor.
+    /// The pivot of the correlation matrix or of the factor.
     pub pivot: f64,
 }
 
@@ -87,7 +90,7 @@ pub struct Indefinite {
 pub struct ErrorAt {
     /// Number of steps.
     pub step: usize,
-    /// |s - r| / |r|
+    /// Relative error |s - r| / |r|.
     pub estimate: f64,
     /// The largest |s_i - r_i| in standard deviations.
     pub deviations: f64,
@@ -109,7 +112,7 @@ pub struct LocalAt {
 }
 
 impl Cell {
-    /// A cell without results.
+    /// Creates a cell without results.
     pub fn new(group: &Group, form: CovarianceName, scalar: ScalarName, band_hz: [f64; 2], rate_hz: f64) -> Self {
         Self {
             group: group.clone(),
@@ -132,13 +135,13 @@ impl Cell {
         }
     }
 
-    /// The name in the journal.
+    /// Returns the name in the journal.
     pub fn key(group: &Group, form: CovarianceName, scalar: ScalarName) -> String {
         format!("{}, {} {}", group.key(), word(&form), word(&scalar))
     }
 }
 
-/// An entry of s in words.
+/// Returns the description of an entry of s in words.
 pub fn entry_name(index: usize, states: usize) -> String {
     let (column, row) = (index / states, index % states + 1);
     match column {
@@ -148,7 +151,7 @@ pub fn entry_name(index: usize, states: usize) -> String {
     }
 }
 
-/// The steps at which P is looked at: all up to 8, then about eight a decade, and the last.
+/// Returns the steps at which P is inspected: all up to 8, then about eight per decade, and the last.
 fn looks(last: usize) -> Vec<usize> {
     let mut steps: Vec<usize> = (0..80).map(|k| 10_f64.powf(f64::from(k) / 8.0).round() as usize).collect();
     steps.extend(1..=8);
@@ -159,10 +162,10 @@ fn looks(last: usize) -> Vec<usize> {
     steps
 }
 
-/// Runs a cell; `None` if the user asked for an end.
+/// Runs a cell. Returns `None` if the user interrupts it.
 ///
 /// # Errors
-/// A recursion that cannot be built.
+/// Returns an error if the recursion cannot be built.
 pub fn run(
     problem: &Problem,
     (form, scalar): (CovarianceName, ScalarName),
@@ -229,13 +232,13 @@ pub fn run(
     Ok(Some(cell))
 }
 
-/// A number that JSON can hold.
+/// Returns a number that JSON can represent.
 fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
 }
 
-/// Where P fails to be positive definite, if it does. A factor is judged by its own pivots: U D U^T is positive as long
-/// as D is.
+/// Returns the entry and pivot at which P is not positive definite, if there is one. A factor is judged by its own
+/// pivots, because U D U^T is positive as long as D is.
 fn look(recursion: &dyn Recursion, form: CovarianceName, group: &Group) -> Option<(String, f64)> {
     let bad = if form.is_factored() {
         let health = recursion.health();
@@ -244,11 +247,12 @@ fn look(recursion: &dyn Recursion, form: CovarianceName, group: &Group) -> Optio
     } else {
         bad_pivot(&recursion.exact_covariance()).map(|bad| (bad.index, bad.value))
     };
-    // What is not a number cannot be kept in JSON; the entry says where it is.
+    // JSON cannot represent a value that is not finite; the entry still states where it occurs.
     bad.map(|(index, pivot)| (entry_name(index, group.states), finite(pivot).unwrap_or(f64::MIN)))
 }
 
-/// The step just done, once more in double-double from the same checkpoint; none if the form has no double-double.
+/// Repeats the step just done in double-double from the same checkpoint. Returns `None` if the form has no
+/// double-double.
 fn local(
     problem: &Problem,
     recursion: &dyn Recursion,
@@ -261,7 +265,7 @@ fn local(
         other => other?,
     };
     exact.restore(before)?;
-    // What stops the exact step is the state it starts from, and no rounding of this step.
+    // If the exact step fails, the reason is the state from which it starts, and not a rounding error of this step.
     if problem.step(exact.as_mut(), step - 1).is_err() {
         return Ok(None);
     }
@@ -273,7 +277,7 @@ fn local(
     Ok(Some(LocalAt { step, deviations: moved, covariance }))
 }
 
-/// The recursion's error without its step, which is reported separately.
+/// Returns the error of the recursion without the step, which is reported separately.
 fn reason(error: &IdentifierError, states: usize) -> String {
     match error {
         IdentifierError::Indefinite { phase, index, value, .. } => {
@@ -286,7 +290,7 @@ fn reason(error: &IdentifierError, states: usize) -> String {
     }
 }
 
-/// The model of an estimate, at rest.
+/// Returns the model of an estimate, at rest.
 pub fn model(estimate: &[f64], form: &ObservableForm) -> IdentifiedModel {
     let mut model = IdentifiedModel::from_estimate(form, estimate, &Dense::<f64>::from_diagonal(&[]));
     model.state.fill(0.0);
@@ -338,7 +342,7 @@ mod tests {
         }
         let ratio = |f: &dyn Fn(&(ErrorAt, LocalAt)) -> f64| f(&last[0]) / f(&last[1]);
         assert!(ratio(&|x| x.0.estimate) > 1e6 && ratio(&|x| x.0.covariance.unwrap()) > 1e6);
-        // One step rounds by no more than a few hundred units of the last place.
+        // The rounding error of one step is at most a few hundred units in the last place.
         let (single, double) = (last[0].1.covariance.unwrap(), last[1].1.covariance.unwrap());
         assert!(single < 1e-4 && double < 1e-13 && single > 1e-9, "{single} {double}");
     }

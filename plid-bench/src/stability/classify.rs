@@ -9,20 +9,20 @@ use serde::Serialize;
 
 use super::cell::{Cell, model};
 
-/// A cell is degraded if P is off from double-double's by more than this, |dP_ij| over sqrt(P_ii P_jj), at any
-/// snapshot;
+/// Limit on the error of P relative to double-double at any snapshot, as |dP_ij| over sqrt(P_ii P_jj). A cell that
+/// exceeds this limit or one of the following limits is degraded.
 pub const COVARIANCE_LIMIT: f64 = 0.1;
-/// or s by more than this number of standard deviations;
+/// Limit on the error of s relative to double-double, in standard deviations.
 pub const DEVIATIONS_LIMIT: f64 = 1.0;
-/// or its frequency response, at the step where they are compared, from that of its peer in f64 by more than this, over
-/// the peak;
+/// Limit on the difference in frequency response from the peer in f64 at the step of comparison, relative to the
+/// maximum of the peer's response.
 pub const RESPONSE_LIMIT: f64 = 0.02;
-/// or its free-run error is larger than its peer's by more than this factor;
+/// Limit on the ratio of the free-run error to that of the peer.
 pub const FREE_RUN_LIMIT: f64 = 1.1;
-/// or its NEES, where there is a truth, by more than this factor.
+/// Limit on the ratio of the NEES to that of the peer, if there are true parameters.
 pub const NEES_LIMIT: f64 = 2.0;
 
-/// The rule in words.
+/// Returns the rule in words.
 pub fn rule() -> String {
     format!(
         "Lost: the recursion stops with an error, or P is found not to be positive definite. Degraded: not lost, but P \
@@ -46,7 +46,7 @@ pub fn rule() -> String {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Class {
-    /// As good as the arithmetic allows.
+    /// The result is as good as the arithmetic permits.
     Sound,
     /// The cell completes, but its result is not fully reliable.
     Degraded,
@@ -61,16 +61,17 @@ pub struct Judged {
     pub cell: Cell,
     /// The class.
     pub class: Class,
-    /// Why it is not sound.
+    /// The reason why it is not sound.
     pub why: String,
     /// The first step at which it was found lost.
     pub lost_at: Option<usize>,
-    /// The largest difference in frequency response from the peer in f64, over that one's peak.
+    /// The largest difference in frequency response from the peer in f64, relative to the maximum of the peer's
+    /// response.
     pub response: Option<f64>,
 }
 
 impl Judged {
-    /// Whether the cell was still positive after `steps`, and so far near to double-double.
+    /// Whether P was still positive definite after `steps` steps, and close to double-double up to then.
     pub fn holds_to(&self, steps: usize) -> bool {
         let near = |cell: &Cell| cell.errors.iter().filter(|e| e.step <= steps).all(|e| !is_far(e));
         match self.lost_at {
@@ -85,10 +86,10 @@ fn is_far(error: &super::cell::ErrorAt) -> bool {
     error.deviations > DEVIATIONS_LIMIT || error.covariance.is_none_or(|e| e > COVARIANCE_LIMIT)
 }
 
-/// Judges cells; those of one group are measured against its peers in f64.
+/// Judges cells. Those of one group are compared with its peers in f64.
 ///
 /// # Errors
-/// A model whose frequency response cannot be formed.
+/// Returns an error for a model whose frequency response cannot be computed.
 pub fn judge(cells: Vec<Cell>) -> Result<Vec<Judged>, ModelError> {
     let peers: Vec<Cell> = cells.iter().filter(|c| c.scalar == ScalarName::F64).cloned().collect();
     cells
@@ -146,10 +147,10 @@ fn with_class(cell: Cell, peer: Option<&Cell>, response: Option<f64>) -> Judged 
     Judged { cell, class, why: degraded.join("; "), lost_at: None, response }
 }
 
-/// Points of the grid over the band of the check.
+/// Number of points of the grid over the band of the check.
 const GRID: usize = 1200;
 
-/// The largest |H - H_peer| over all pairs and the band, over the peak of |H_peer|.
+/// Returns the largest |H - H_peer| over all pairs and the band, relative to the maximum of |H_peer|.
 fn response_difference(cell: &Cell, peer: &Cell) -> Result<Option<f64>, ModelError> {
     if cell.estimate.is_empty() || peer.estimate.is_empty() {
         return Ok(None);
@@ -188,7 +189,7 @@ mod tests {
         Cell {
             free_run: Some(0.1),
             nees: Some(1.0),
-            // x, then a_i = 0.5 e_i and b_j = e_j: three lags.
+            // x, followed by a_i = 0.5 e_i and b_j = e_j, which are three first-order lags.
             estimate: (0..21)
                 .map(|k| match k {
                     3 | 7 | 11 => 0.5,
@@ -258,7 +259,8 @@ mod tests {
     fn the_response_is_compared_with_the_peak_of_double_precision() {
         let peer = cell(CovarianceName::BiermanUd, ScalarName::F64);
         let mut other = cell(CovarianceName::BiermanUd, ScalarName::F32);
-        // b_1 of the first lag: its response is larger by a hundredth, and all three have the same peak.
+        // With this b_1, the response of the first lag is larger by a hundredth. All three lags have the same
+        // maximum.
         other.estimate[12] *= 1.01;
         let found = judge(vec![peer, other]).unwrap()[1].response.unwrap();
         assert!((found - 0.01).abs() < 1e-6, "{found}");

@@ -8,51 +8,52 @@ use serde::{Deserialize, Serialize};
 
 use super::scenario::Scenario;
 
-/// The full study, as experiments/bench/stability.toml has it.
+/// The full study, as in experiments/bench/stability.toml.
 pub const FULL: &str = include_str!("../../experiments/stability.toml");
-/// The study of about two minutes, as experiments/bench/stability-quick.toml has it.
+/// The study of about two minutes, as in experiments/bench/stability-quick.toml.
 pub const QUICK: &str = include_str!("../../experiments/stability-quick.toml");
 
-/// The study of `cargo bench -- stability`, as experiments/bench/stability-bench.toml has it.
+/// The study of `cargo bench -- stability`, as in experiments/bench/stability-bench.toml.
 pub const BENCH: &str = include_str!("../../experiments/stability-bench.toml");
 
-/// A stability study. The defaults are the full study.
+/// A stability study. The defaults are those of the full study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Numbers of states of the map.
     pub states: Vec<usize>,
-    /// The covariance forms: all forms of the catalogue by default. The references for the others (Bierman UD and, with
-    /// parameter noise, the direct form, in double precision) and the long run are run in any case.
+    /// The covariance forms, by default all forms of the catalogue. The references for the others (Bierman UD and,
+    /// with parameter noise, the direct form, in double precision) and the long run are always run.
     pub covariance: Vec<CovarianceName>,
-    /// Steps of each cell of the map and of its variations.
+    /// Number of steps of each cell of the map and of its variations.
     pub steps: usize,
-    /// Entries of P that a run in double-double may go through, times its steps: it ends at the last 1, 3, 10, 30 ..
-    /// below that.
+    /// Limit on the number of entries of P multiplied by the steps of a run in double-double. The run ends at the
+    /// last of the steps 1, 3, 10, 30 ... below this limit.
     pub reference_work: f64,
     /// The variations from the centre of the map, one at a time.
     pub variations: Variations,
-    /// Bierman UD in single precision for a long time.
+    /// The long run of Bierman UD in single precision.
     pub long: Long,
-    /// Hard starts and hard records.
+    /// Difficult starts and difficult records.
     pub adversarial: Adversarial,
 }
 
-/// One at a time from the centre: truss, moment-matched, P0 = 1, the testbed's noise, no parameter noise.
+/// The variations from the centre, one at a time. The centre is the truss with the moment-matched expectation, P0 =
+/// 1, the noise of the testbed and no parameter noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Variations {
-    /// Numbers of states; multiples of 3, for the plant of the model's class.
+    /// Numbers of states, which are multiples of 3 for the plant of the model's class.
     pub states: Vec<usize>,
     /// Conditional expectations.
     pub expectations: Vec<ExpectationName>,
-    /// Variances added to each parameter's variance a step.
+    /// Variances added to the variance of each parameter at each step.
     pub parameter_noise: Vec<f64>,
-    /// Sensor noise, V RMS; the outputs have 0.45 V, the centre has 0.005 V.
+    /// Sensor noise in V RMS. The outputs have 0.45 V RMS, and the sensor noise of the centre is 0.005 V.
     pub sensor_rms_v: Vec<f64>,
-    /// P0, variance of every entry of s.
+    /// P0, the initial variance of every entry of s.
     pub initial_variance: Vec<f64>,
-    /// Whether a plant of the model's class is identified too, for NEES.
+    /// Whether a plant of the model's class is also identified, for NEES.
     pub in_class: bool,
 }
 
@@ -62,24 +63,24 @@ pub struct Variations {
 pub struct Long {
     /// Number of states.
     pub states: usize,
-    /// Steps; 0 for no such run.
+    /// Number of steps; 0 for no such run.
     pub steps: usize,
 }
 
-/// Hard starts and hard records, from the same centre.
+/// Difficult starts and difficult records, from the same centre.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Adversarial {
     /// Number of states, a multiple of 3.
     pub states: usize,
-    /// Steps of each cell; 0 for no cells.
+    /// Number of steps of each cell; 0 for no cells.
     pub steps: usize,
-    /// P0 / R.
+    /// Values of P0 / R.
     pub start_ratios: Vec<f64>,
     /// Records, and plants that change.
     pub scenarios: Vec<Scenario>,
-    /// Exponential forgetting for the records of wind-up and jump; 1 / it must be short in binary, as 1 + 2^-9 is, so
-    /// that all scalars have the same.
+    /// Exponential forgetting factor for the wind-up and jump records. Its reciprocal must be short in binary, such
+    /// as 1 + 2^-9, so that it is the same in all scalars.
     pub forgetting: f64,
 }
 

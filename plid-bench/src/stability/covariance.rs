@@ -6,9 +6,9 @@ use plid_core::kernels::{BadPivot, cholesky, semidefinite_ldl, solve_lower};
 use plid_core::{Dense, Matrix, Scalar};
 use qd::Quad;
 
-/// The first pivot of P that is not positive, if there is one: of the correlation matrix, so that entries of s with
-/// different units count alike. A Cholesky factorisation in f64 that succeeds settles it; one that fails is done again
-/// in double-double.
+/// Returns the first pivot of the correlation matrix of P that is not positive, if there is one. With the correlation
+/// matrix, entries of s with different units have equal weight. If a Cholesky factorisation in f64 succeeds, there is
+/// none; if it fails, it is repeated in double-double.
 pub fn bad_pivot(p: &Dense<Quad>) -> Option<BadPivot> {
     let correlation = match correlation(p) {
         Ok(correlation) => correlation,
@@ -21,8 +21,8 @@ pub fn bad_pivot(p: &Dense<Quad>) -> Option<BadPivot> {
     cholesky(correlation.view_mut()).err()
 }
 
-/// The ratio of the largest to the smallest pivot of the correlation matrix, a lower bound of its condition number;
-/// `None` if it is not positive definite.
+/// Returns the ratio of the largest to the smallest pivot of the correlation matrix, which is a lower bound of its
+/// condition number, or `None` if the matrix is not positive definite.
 pub fn condition(p: &Dense<Quad>) -> Option<f64> {
     let mut correlation = correlation(p).ok()?;
     let mut pivots = vec![Quad::zero(); correlation.rows()];
@@ -32,13 +32,13 @@ pub fn condition(p: &Dense<Quad>) -> Option<f64> {
     (low > 0.0).then(|| high / low)
 }
 
-/// P_ij / sqrt(P_ii P_jj), or the first variance that is not positive.
+/// Returns P_ij / sqrt(P_ii P_jj), or the first variance that is not positive.
 fn correlation(p: &Dense<Quad>) -> Result<Dense<Quad>, BadPivot> {
     let deviations = deviations(p)?;
     Ok(Dense::from_fn(p.rows(), p.rows(), |i, j| p.at(i, j) / (deviations[i] * deviations[j])))
 }
 
-/// sqrt(P_ii), or the first variance that is not positive.
+/// Returns sqrt(P_ii), or the first variance that is not positive.
 pub fn deviations(p: &Dense<Quad>) -> Result<Vec<Quad>, BadPivot> {
     (0..p.rows())
         .map(|index| {
@@ -49,7 +49,7 @@ pub fn deviations(p: &Dense<Quad>) -> Result<Vec<Quad>, BadPivot> {
         .collect()
 }
 
-/// The largest |P_ij - Q_ij| / sqrt(Q_ii Q_jj); infinite where P has an entry that is not finite.
+/// Returns the largest |P_ij - Q_ij| / sqrt(Q_ii Q_jj), which is infinite if P has an entry that is not finite.
 pub fn scaled_difference(p: &Dense<Quad>, reference: &Dense<Quad>, deviations: &[Quad]) -> f64 {
     let mut largest = 0.0_f64;
     for j in 0..p.rows() {
@@ -61,7 +61,7 @@ pub fn scaled_difference(p: &Dense<Quad>, reference: &Dense<Quad>, deviations: &
     largest
 }
 
-/// |s - r| / |r| in the Euclidean norm, and the largest |s_i - r_i| in standard deviations of the reference.
+/// Returns |s - r| / |r| in the Euclidean norm, and the largest |s_i - r_i| in standard deviations of the reference.
 pub fn estimate_errors(s: &[Quad], reference: &[Quad], deviations: &[Quad]) -> (f64, f64) {
     let (mut error, mut size, mut largest) = (0.0, 0.0, 0.0_f64);
     for ((&s, &r), &deviation) in s.iter().zip(reference).zip(deviations) {
@@ -74,8 +74,8 @@ pub fn estimate_errors(s: &[Quad], reference: &[Quad], deviations: &[Quad]) -> (
     (relative, largest)
 }
 
-/// The normalised estimation error squared of the last entries of s, those from `first` on, a degree of freedom:
-/// e^T P^-1 e / count. `None` if that part of P is not positive definite.
+/// Returns the normalised estimation error squared of the entries of s from `first` on, per degree of freedom: e^T
+/// P^-1 e / count. Returns `None` if that part of P is not positive definite.
 pub fn nees(p: &Dense<Quad>, estimate: &[Quad], truth: &[f64], first: usize) -> Option<f64> {
     let count = p.rows() - first;
     let mut block = Dense::from_fn(count, count, |i, j| p.at(first + i, first + j));
@@ -99,7 +99,7 @@ mod tests {
     use plid_core::{InitialCovariance, Inspect, NoiseModel, ObservableForm, ScalarOf, ScalarUpdate, Settings};
     use plid_variants::covariance::{BiermanUd, Direct};
 
-    /// P in double-double is what the recursion itself gives, to its own roundoff.
+    /// P in double-double agrees with that of the recursion itself, to the roundoff of the recursion.
     #[test]
     fn the_matrix_is_that_of_the_recursion() {
         let form = ObservableForm::new(&[2, 1], 1).unwrap();
@@ -123,19 +123,19 @@ mod tests {
         }
     }
 
-    /// P after two measurements of Dyer and McReynolds' example, in the numbers of a form.
+    /// Returns P after the two measurements of the example of Dyer and McReynolds, in the scalar of a form.
     fn dyer_mcreynolds<C: Inspect + ScalarUpdate>(d: f64) -> Dense<Quad> {
         let model = ObservableForm::new(&[1], 1).unwrap();
         let mut p = C::new(&model, &InitialCovariance::Diagonal(vec![1.0; 3]), &C::Options::default()).unwrap();
         let number = ScalarOf::<C>::from_f64;
         let mut gain = [number(0.0); 3];
-        // A form that finds an innovation variance that is not positive keeps its last P.
+        // If an innovation variance is not positive, a form keeps its last P.
         let _ = p.scalar_update(&[number(1.0); 3], number(d * d), &mut gain);
         let _ = p.scalar_update(&[number(1.0), number(1.0), number(1.0) + number(d)], number(d * d), &mut gain);
         p.dense_in()
     }
 
-    /// The distance from double-double is the true error, where the answer is known in closed form.
+    /// Where the answer is known in closed form, the distance from double-double is the true error.
     #[test]
     fn the_distance_from_double_double_is_the_true_error_of_dyer_and_mcreynolds() {
         let d = 2.0_f64.powi(-25);

@@ -1,4 +1,4 @@
-//! A plot of a table of classes: colour and word show the class, and a second line shows the step.
+//! A plot of a table of classes. A colour and a word show the class, and a second line shows the step.
 
 use maud::{Markup, html};
 

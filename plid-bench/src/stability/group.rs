@@ -11,40 +11,40 @@ use super::scenario::Scenario;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Part {
-    /// The centre, for every number of states.
+    /// The centre of the study, for every number of states.
     Map,
-    /// One setting off the centre.
+    /// One setting that differs from the centre.
     Variation,
-    /// A hard start or record.
+    /// A difficult start or record.
     Adversarial,
     /// The long run.
     Long,
 }
 
-/// Cells that share a problem, and so a reference: they differ in form and scalar only.
+/// Cells that share a problem and therefore a reference. They differ only in form and scalar.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Group {
-    /// Which part.
+    /// The part of the study.
     pub part: Part,
     /// The deviation from the centre in words.
     pub label: String,
-    /// Where the data come from.
+    /// The source of the data.
     pub scenario: Scenario,
-    /// n
+    /// Number of states n.
     pub states: usize,
-    /// Steps asked for.
+    /// Requested number of steps.
     pub steps: usize,
     /// The conditional expectation.
     pub expectations: ExpectationName,
-    /// Variance added to that of each parameter per step.
+    /// Variance added to that of each parameter at each step.
     pub parameter_noise: f64,
-    /// P0, over R if `start_over_sensor`.
+    /// P0, relative to R if `start_over_sensor` is true.
     pub initial_variance: f64,
-    /// Whether P0 counts in R.
+    /// Whether P0 is relative to R.
     pub start_over_sensor: bool,
-    /// Exponential forgetting.
+    /// Exponential forgetting factor.
     pub forgetting: f64,
-    /// Steps in double-double.
+    /// Number of steps in double-double.
     pub reference_steps: usize,
     /// The step after which frequency responses are compared.
     pub compared_at: usize,
@@ -52,15 +52,15 @@ pub struct Group {
 
 /// The step at which the long run is compared with double precision.
 const COMPARED_AT: usize = 100_000;
-/// The form that others are judged against.
+/// The form with which others are compared.
 pub const FACTORED_PEER: CovarianceName = CovarianceName::BiermanUd;
-/// The form that carries P itself, against which such forms are judged where there is parameter noise.
+/// The form that stores P itself, with which such forms are compared if there is parameter noise.
 pub const MATRIX_PEER: CovarianceName = CovarianceName::Direct;
 /// The scalars that are judged.
 pub const SCALARS: [ScalarName; 2] = [ScalarName::F32, ScalarName::F64];
 
 impl Group {
-    /// The name in the journal, the CSV and messages.
+    /// Returns the name in the journal, the CSV and messages.
     pub fn key(&self) -> String {
         let part = match self.part {
             Part::Map => "map",
@@ -71,47 +71,48 @@ impl Group {
         format!("{part}, {}, n = {}", self.label, self.states)
     }
 
-    /// Returns the form in f64 with which a form is compared: a factored one. Parameter noise enters a matrix in
-    /// another way than a factor, which makes it a different filter; a matrix form is then compared with the direct
-    /// form.
+    /// Returns the form in f64 with which a form is compared, which is usually a factored one. Parameter noise enters
+    /// a matrix and a factor in different ways, so their filters differ. With parameter noise, a matrix form is
+    /// compared with the direct form instead.
     pub fn peer_of(&self, form: CovarianceName) -> CovarianceName {
         if self.parameter_noise > 0.0 && !form.is_factored() { MATRIX_PEER } else { FACTORED_PEER }
     }
 
-    /// The forms that cells are judged against.
+    /// Returns the forms with which cells are compared.
     pub fn peers(&self) -> Vec<CovarianceName> {
         let mut peers = vec![FACTORED_PEER];
         peers.extend((self.parameter_noise > 0.0).then_some(MATRIX_PEER));
         peers
     }
 
-    /// The forms whose references in double-double the group needs. One serves all forms unless there is parameter
-    /// noise; a matrix is much faster there.
+    /// Returns the forms whose references in double-double the group needs. Without parameter noise, one reference
+    /// serves all forms; it is that of a matrix form, which is much faster in double-double.
     pub fn references(&self) -> Vec<CovarianceName> {
         let mut references = vec![MATRIX_PEER];
         references.extend((self.parameter_noise > 0.0).then_some(FACTORED_PEER));
         references
     }
 
-    /// The steps of a cell. In the long run, only single precision takes all steps; double precision is the reference.
+    /// Returns the number of steps of a cell. In the long run, only single precision takes all steps; double
+    /// precision is the reference.
     pub fn steps_of(&self, scalar: ScalarName) -> usize {
         if self.part == Part::Long && scalar == ScalarName::F64 { self.compared_at } else { self.steps }
     }
 
-    /// N
+    /// Returns the joint number of states and parameters N.
     pub fn joint_states(&self) -> usize {
         self.states * (1 + INPUTS + OUTPUTS)
     }
 }
 
-/// 1, 3, 10, 30 .. up to `last`.
+/// Returns the steps 1, 3, 10, 30 ... up to `last`.
 pub fn one_three(last: usize) -> Vec<usize> {
     let decades = (0..9).map(|k| 10_usize.pow(k));
     decades.flat_map(|decade| [decade, 3 * decade]).take_while(|&step| step <= last).collect()
 }
 
 impl Config {
-    /// Form and scalar of each cell of a group.
+    /// Returns form and scalar of each cell of a group.
     pub fn cells(&self, group: &Group) -> Vec<(CovarianceName, ScalarName)> {
         let both = |form: CovarianceName| SCALARS.map(|scalar| (form, scalar));
         if group.part == Part::Long {
@@ -122,14 +123,14 @@ impl Config {
         self.covariance.iter().copied().flat_map(both).chain(peers).collect()
     }
 
-    /// The groups, the longest first, so that threads end together.
+    /// Returns the groups with the longest first, so that all threads finish at about the same time.
     pub fn groups(&self) -> Vec<Group> {
         let mut groups = self.groups_in_order();
         groups.sort_by_key(|group| std::cmp::Reverse(group.steps * group.states.pow(2) * self.cells(group).len()));
         groups
     }
 
-    /// The groups in the order of the config.
+    /// Returns the groups in the order of the config.
     pub fn groups_in_order(&self) -> Vec<Group> {
         let mut groups: Vec<Group> = self.states.iter().map(|&n| self.centre(n)).collect();
         for &n in &self.variations.states {
@@ -218,7 +219,7 @@ impl Config {
     }
 }
 
-/// The name of a value in a config.
+/// Returns the name of a value in a config.
 pub fn word<T: Serialize>(value: &T) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(word)) => word,

@@ -1,5 +1,5 @@
-//! The study of stability: how long P remains a covariance, and how far rounding moves an identification from the
-//! result of exact arithmetic.
+//! The study of stability. It shows how long P remains a covariance, and how far rounding moves an identification
+//! from the result of exact arithmetic.
 //!
 //! [`carry_out`] runs the cells, [`Outcome`] holds the results, and [`write_all`] writes the files.
 
@@ -51,7 +51,7 @@ pub fn carry_out(
 /// Runs the cells of a shard in its own folder in `directory`.
 ///
 /// # Errors
-/// Those of [`carry_out`].
+/// Returns the errors of [`carry_out`].
 pub fn run_shard(
     config: &Config,
     directory: &Path,
@@ -64,7 +64,8 @@ pub fn run_shard(
     })
 }
 
-/// Takes the cells of all shards over into `directory`, where [`carry_out`] resumes with nothing left to run.
+/// Copies the cells of all shards to the journal in `directory`, where [`carry_out`] resumes with nothing left to
+/// run.
 ///
 /// # Errors
 /// Returns [`StudyError::Shards`] if a shard is missing or not complete, or the error of a file.

@@ -23,7 +23,7 @@ pub struct Outcome {
     pub config: Config,
     /// The machine.
     pub machine: Machine,
-    /// The cells, judged.
+    /// The judged cells.
     pub cells: Vec<Judged>,
     /// The runs in double-double.
     pub references: Vec<ReferenceSummary>,
@@ -117,7 +117,7 @@ struct Content<'a> {
     cells: Vec<Details<'a>>,
 }
 
-/// A cell in stability.json: its line of the table and the figures that the table omits.
+/// A cell in stability.json, with its row of the table and the figures that the table omits.
 #[derive(Serialize)]
 struct Details<'a> {
     #[serde(flatten)]
@@ -133,11 +133,11 @@ impl Outcome {
     /// Judges the cells.
     ///
     /// # Errors
-    /// A model whose frequency response cannot be formed.
+    /// Returns an error for a model whose frequency response cannot be computed.
     pub fn new(config: Config, machine: Machine, found: Found) -> Result<Self, StudyError> {
         let cells = judge(found.cells).map_err(StudyError::cell("frequency responses"))?;
         let asked = Cells(&cells);
-        // P0 / R of the centre.
+        // The P0 / R of the centre.
         let sensor =
             plid_testbed::truss(&plid_testbed::TrussConfig::default()).map_err(StudyError::cell("the truss"))?;
         let claims = claims(&config, &asked);
@@ -154,7 +154,7 @@ impl Outcome {
         write_json(&directory.join("machine.json"), &self.machine)?;
         write_csv(&directory.join("stability.csv"), self.cells.iter().map(Row::of))?;
         write(&directory.join("report.html"), report::page(self).to_html())?;
-        // Written last, so that its presence means that the other files exist.
+        // This file is written last, so that its presence shows that the other files exist.
         let path = directory.join("stability.json");
         write_json(&path, &self.json().map_err(StudyError::not_finite(&path))?)
     }

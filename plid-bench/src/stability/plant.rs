@@ -1,5 +1,5 @@
-//! A plant of the model's own class: n states in observable canonical form with random parameters, so that there is a
-//! true parameter vector against which a stated accuracy can be judged.
+//! A plant of the model's own class with n states in observable canonical form and random parameters. It has a true
+//! parameter vector with which a stated accuracy can be compared.
 //!
 //! The truss cannot serve: it has 59 states.
 
@@ -14,11 +14,11 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::record::{Check, Record, STATE_NOISE};
 
-/// Noise of each sensor and of each actuator, that of the default truss, V RMS.
+/// Noise of each sensor and of each actuator in V RMS, as in the default truss.
 const NOISE_RMS: f64 = 0.005;
 /// The largest magnitude of an eigenvalue of A.
 const RADIUS: f64 = 0.97;
-/// RMS of an output with white inputs of unit RMS: about that of the truss.
+/// RMS of an output for white inputs of unit RMS, about that of the truss.
 const OUTPUT_RMS: f64 = 0.45;
 const CHECK_SAMPLES: usize = 4096;
 const RATE_HZ: f64 = 1600.0;
@@ -29,10 +29,10 @@ pub enum PlantError {
     /// The number of states is impossible.
     #[error(transparent)]
     Structure(#[from] StructureError),
-    /// With unequal indices some parameters are not unique, so there is no single truth.
+    /// With unequal indices, some parameters are not unique, so there is no single true parameter vector.
     #[error("{0} states cannot be shared out equally over {OUTPUTS} outputs, so the true parameters are not unique")]
     Unequal(usize),
-    /// Its poles could not be found.
+    /// The poles of the plant could not be computed.
     #[error(transparent)]
     Model(#[from] ModelError),
 }
@@ -49,10 +49,10 @@ fn normal(rng: &mut ChaCha12Rng) -> f64 {
 }
 
 impl Plant {
-    /// A random stable plant of `states` states, the same for the same number.
+    /// Creates a random stable plant with `states` states. The same number always gives the same plant.
     ///
     /// # Errors
-    /// [`PlantError`]
+    /// Returns a [`PlantError`].
     pub fn random(states: usize) -> Result<Self, PlantError> {
         if !states.is_multiple_of(OUTPUTS) {
             return Err(PlantError::Unequal(states));
@@ -61,7 +61,8 @@ impl Plant {
         let mut rng = ChaCha12Rng::seed_from_u64(states as u64);
         let parameters = (0..form.parameter_columns() * states).map(|_| normal(&mut rng)).collect();
         let mut plant = Self { form, parameters };
-        // A and this have the same eigenvalues but for a factor: A is scaled by it and by a diagonal change of states.
+        // The new parameters are those of A multiplied by `shrink`, after a diagonal change of the states, so all
+        // eigenvalues are multiplied by this factor.
         let shrink = RADIUS / stability(&plant.model()?)?.spectral_radius;
         let order = states / OUTPUTS;
         for (k, a) in plant.parameters[..OUTPUTS * states].iter_mut().enumerate() {
@@ -82,7 +83,7 @@ impl Plant {
         other
     }
 
-    /// A, B and C as a model.
+    /// Returns A, B and C as a model.
     fn model(&self) -> Result<Model, ModelError> {
         let s: Vec<f64> = vec![0.0; self.form.states()].into_iter().chain(self.parameters.iter().copied()).collect();
         let found = IdentifiedModel::from_estimate(&self.form, &s, &Dense::<f64>::from_diagonal(&[]));
@@ -95,14 +96,14 @@ impl Plant {
         rng
     }
 
-    /// White inputs of unit RMS.
+    /// Returns white inputs of unit RMS.
     fn inputs(&self, samples: usize, stream: u64) -> Vec<[f64; INPUTS]> {
         let mut rng = self.rng(stream);
         (0..samples).map(|_| std::array::from_fn(|_| normal(&mut rng))).collect()
     }
 
-    /// Simulates the outputs from rest; `noise` adds that of sensors, actuators and states, and from sample `at` on the
-    /// plant is replaced by the other one.
+    /// Simulates the outputs from rest; `noise` adds the noise of sensors, actuators and states, and replaces the
+    /// plant by another one from sample `at` on.
     fn run(
         &self,
         inputs: &[[f64; INPUTS]],
@@ -132,7 +133,8 @@ impl Plant {
         outputs
     }
 
-    /// A record of this plant which, from sample `at` on, is of `other`; its truth and its check are `other`'s.
+    /// Returns a record of this plant up to sample `at`, and of `other` from then on. The true parameters and the
+    /// check of the record are those of `other`.
     pub fn record(&self, samples: usize, at: usize, other: &Self) -> Record {
         let inputs = self.inputs(samples, 2);
         let outputs = self.run(&inputs, Some((&mut self.rng(3), at, other)));

@@ -1,4 +1,4 @@
-//! A group's problem made ready: record, form, noise, start; and its recursions.
+//! The prepared problem of a group, with record, form, noise and start, and its recursions.
 
 use std::sync::Arc;
 
@@ -23,10 +23,10 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// The problem of `group` on its record.
+    /// Prepares the problem of `group` on its record.
     ///
     /// # Errors
-    /// A number of states that is impossible.
+    /// Returns an error for an impossible number of states.
     pub fn new(group: Group, record: Arc<Record>) -> Result<Self, StructureError> {
         let form = ObservableForm::balanced(group.states, OUTPUTS, INPUTS)?;
         let unit = if group.start_over_sensor { record.sensor } else { 1.0 };
@@ -39,10 +39,10 @@ impl Problem {
         Ok(Self { noise: record.noise(&form), group, record, form, settings })
     }
 
-    /// A recursion on plain loops, before its first sample.
+    /// Returns a recursion on plain loops before its first sample.
     ///
     /// # Errors
-    /// [`VariantError`]
+    /// Returns a [`VariantError`].
     pub fn recursion(
         &self,
         covariance: CovarianceName,
@@ -53,8 +53,8 @@ impl Problem {
         variant.build(self.form.clone(), &self.noise, &self.settings)
     }
 
-    /// Whether a form has this scalar and the operations that the group asks for: one of the program's own may lack
-    /// forgetting or parameter noise, which its first step then says.
+    /// Whether a form has this scalar and the operations that the group requires. A form that the program has added
+    /// may lack forgetting or parameter noise, which its first step then reports.
     pub fn is_offered(&self, covariance: CovarianceName, scalar: ScalarName) -> bool {
         match self.recursion(covariance, scalar) {
             Ok(mut recursion) => !matches!(self.step(recursion.as_mut(), 0), Err(IdentifierError::Unsupported(_))),
@@ -62,10 +62,10 @@ impl Problem {
         }
     }
 
-    /// Sample `k` into `recursion`.
+    /// Passes sample `k` to `recursion`.
     ///
     /// # Errors
-    /// As [`plid_core::Identifier::step`].
+    /// Returns the errors of [`plid_core::Identifier::step`].
     pub fn step(&self, recursion: &mut dyn Recursion, k: usize) -> Result<(), IdentifierError> {
         recursion.step(&self.record.outputs[k], &self.record.inputs[k], false)
     }

@@ -15,13 +15,14 @@ pub struct Record {
     pub sensor: f64,
     /// Variance of the noise of each actuator, as assumed by the recursion.
     pub actuator: f64,
-    /// The parameters [a_1; ..; a_p; b_1; ..; b_m] at the record's end, where the plant is of the model's class.
+    /// The parameters [a_1; ..; a_p; b_1; ..; b_m] at the end of the record, if the plant is of the model's class.
     pub truth: Option<Vec<f64>>,
-    /// An input that the identification has not seen, and the plant's outputs to it from rest without any noise.
+    /// An input that the identification does not use, and the response of the plant to it from rest without any
+    /// noise.
     pub check: Check,
 }
 
-/// Samples x channels.
+/// The inputs and outputs of a check, as samples x channels.
 #[derive(Clone, Debug)]
 pub struct Check {
     /// K x m.
@@ -36,9 +37,10 @@ pub struct Check {
 
 /// The assumed Sigma of every state, which represents ambient forces and truncated modes.
 pub const STATE_NOISE: f64 = 1e-6;
-/// Samples of the check.
+/// Number of samples of the check.
 const CHECK_SAMPLES: usize = 4096;
-/// Where the default command of the truss has its power (-3 dB at 200 Hz), and the five dominant modes are, Hz.
+/// The band in Hz in which the default command of the truss has its power (-3 dB at 200 Hz) and the five dominant
+/// modes lie.
 pub const TRUSS_BAND_HZ: [f64; 2] = [2.0, 250.0];
 
 /// Rounds to single precision. All scalars receive identical data, noise and start, so that only the arithmetic
@@ -48,7 +50,7 @@ pub fn single(x: f64) -> f64 {
 }
 
 impl Record {
-    /// The noise model of an identification with the states of `form`.
+    /// Returns the noise model of an identification with the states of `form`.
     pub fn noise(&self, form: &ObservableForm) -> NoiseModel {
         let states = form.indices().iter().sum();
         NoiseModel::diagonal(
@@ -58,7 +60,7 @@ impl Record {
         )
     }
 
-    /// All samples as single precision has them.
+    /// Returns the record with all samples rounded to single precision.
     pub(super) fn rounded(mut self) -> Self {
         let all = self.inputs.iter_mut().flatten().chain(self.outputs.iter_mut().flatten());
         all.for_each(|x| *x = single(*x));
@@ -66,7 +68,8 @@ impl Record {
     }
 }
 
-/// The default truss with `sensor_rms_v` of sensor noise, `samples` long: never the same sample twice.
+/// Returns a record of the default truss with sensor noise of `sensor_rms_v` and `samples` samples, in which no
+/// sample repeats.
 pub fn truss(samples: usize, sensor_rms_v: f64) -> Result<Record, TestbedError> {
     let mut config = lasting(TrussConfig::default(), samples);
     config.noise.sensor_rms_v = sensor_rms_v;
@@ -78,7 +81,7 @@ pub(super) fn lasting(config: TrussConfig, samples: usize) -> TrussConfig {
     TrussConfig { duration_s: samples as f64 / config.sample_rate_hz, ..config }
 }
 
-/// The record of a simulation; the check is a run of `plant` with another seed.
+/// Returns the record of a simulation. The check is a run of `plant` with another seed.
 pub(super) fn of_simulation(simulation: &Simulation, plant: &TrussConfig) -> Result<Record, TestbedError> {
     let check = simulate(&lasting(TrussConfig { seed: plant.seed + 1, ..plant.clone() }, CHECK_SAMPLES))?;
     let truth = &simulation.truth;
@@ -108,7 +111,7 @@ mod tests {
         let record = truss(500, 0.005).unwrap();
         assert_eq!((record.inputs.len(), record.outputs.len()), (500, 500));
         assert!(record.outputs.iter().flatten().all(|&x| x == f64::from(x as f32)));
-        // No sample repeats: the record is not a loop.
+        // No sample repeats, so the record is not a loop.
         assert!((1..500).all(|k| record.inputs[k] != record.inputs[0]));
         let form = ObservableForm::balanced(6, OUTPUTS, INPUTS).unwrap();
         assert!(record.noise(&form).check(OUTPUTS, INPUTS, 6).is_ok());

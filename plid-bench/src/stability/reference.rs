@@ -16,18 +16,18 @@ use super::problem::Problem;
 pub struct Snapshot {
     /// Number of steps.
     pub step: usize,
-    /// s
+    /// The estimate s.
     pub estimate: Vec<Quad>,
-    /// P
+    /// The covariance P.
     pub covariance: Dense<Quad>,
-    /// sqrt(P_ii)
+    /// The standard deviations sqrt(P_ii).
     pub deviations: Vec<Quad>,
 }
 
 /// A run in double-double.
 #[derive(Clone, Debug)]
 pub struct Reference {
-    /// At steps 1, 3, 10, 30 ..
+    /// Snapshots at the steps 1, 3, 10, 30 ...
     pub snapshots: Vec<Snapshot>,
     /// Its description.
     pub summary: ReferenceSummary,
@@ -40,9 +40,9 @@ pub struct ReferenceSummary {
     pub group: String,
     /// The form.
     pub form: CovarianceName,
-    /// n
+    /// Number of states n.
     pub states: usize,
-    /// Steps up to its last snapshot.
+    /// Number of steps up to its last snapshot.
     pub steps: usize,
     /// Duration of a step.
     pub microseconds_per_step: f64,
@@ -50,7 +50,7 @@ pub struct ReferenceSummary {
     /// positive.
     pub condition: Option<f64>,
     /// The largest scaled difference between this P and that of Bierman UD in double-double, and the step at which it
-    /// was taken: the reference's own error.
+    /// was taken. It is the error of the reference itself.
     pub own_error: Option<(usize, f64)>,
 }
 
@@ -61,7 +61,8 @@ const COMPARED_AT: usize = 100;
 const DEARER: usize = 10;
 
 /// Returns the reference of the matrix forms, or that of the factored forms, which add parameter noise differently.
-/// `None` if the user interrupted it. A reference that breaks down ends at its last snapshot before the failure.
+/// Returns `None` if the user interrupts it. A reference that breaks down ends at its last snapshot before the
+/// failure.
 ///
 /// # Errors
 /// Returns an error for an invalid start.
@@ -98,7 +99,7 @@ pub fn reference(
     Ok(Some(Reference { snapshots, summary }))
 }
 
-/// Runs in double-double up to the last of `at`.
+/// Runs in double-double up to the last step of `at`.
 fn run(
     problem: &Problem,
     form: CovarianceName,

@@ -1,4 +1,5 @@
-//! report.html: the map first, then how errors grow, hard starts, variations, the table, the verdicts' numbers.
+//! The content of report.html: the map, the growth of errors, difficult starts, variations, the table, and the
+//! numbers of the verdicts.
 
 use itertools::Itertools;
 use plid_catalogue::{CovarianceName, ScalarName};
@@ -55,7 +56,7 @@ pub fn page(outcome: &Outcome) -> Report {
     report
 }
 
-/// Form and scalar, in the order of all pictures: the scalars apart.
+/// Returns form and scalar in the order of all pictures, in which the scalars are separate.
 fn pairs() -> Vec<(CovarianceName, ScalarName)> {
     SCALARS.iter().flat_map(|&scalar| CovarianceName::all().into_iter().map(move |form| (form, scalar))).collect()
 }
@@ -93,13 +94,13 @@ fn map(outcome: &Outcome) -> String {
     })
 }
 
-/// Labels of a part at a size, in the order of the config.
+/// Returns the labels of a part at a size in the order of the config.
 fn labels(outcome: &Outcome, part: Part, states: usize) -> Vec<String> {
     let groups = outcome.config.groups_in_order().into_iter().filter(|g| g.part == part && g.states == states);
     groups.map(|group| group.label).unique().collect()
 }
 
-/// One row a label, one column a form and scalar.
+/// Draws the classes, with one row per label and one column per form and scalar.
 fn by_label(outcome: &Outcome, part: Part, states: usize) -> String {
     let labels = labels(outcome, part, states);
     let row = |label: &String| {
@@ -113,7 +114,7 @@ fn by_label(outcome: &Outcome, part: Part, states: usize) -> String {
     })
 }
 
-/// A form has one colour; single precision is dashed.
+/// Returns the colour of a form. Single precision is dashed.
 fn colour(form: CovarianceName) -> &'static str {
     const COLOURS: [&str; 6] = ["#d55e00", "#e69f00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9"];
     let place = CovarianceName::all().iter().position(|&other| other == form).unwrap_or(0);
@@ -181,7 +182,7 @@ fn variations(report: Report, outcome: &Outcome) -> Report {
     report.table(free_runs(outcome))
 }
 
-/// Free-run errors and NEES of the variations.
+/// Returns the free-run errors and NEES of the variations.
 fn free_runs(outcome: &Outcome) -> Table {
     let mut table = Table::new(
         "Free-run error on an undisturbed record, and NEES of Bierman UD in f64 where the plant is of the model's \
@@ -189,7 +190,7 @@ fn free_runs(outcome: &Outcome) -> Table {
     )
     .column("n", "")
     .column("setting", "");
-    // In f64, those forms that others are judged against.
+    // In f64, only the forms with which others are compared are shown.
     let is_shown = |&(form, scalar): &_| scalar == ScalarName::F32 || [FACTORED_PEER, MATRIX_PEER].contains(&form);
     let shown: Vec<_> = pairs().into_iter().filter(is_shown).collect();
     for &(form, scalar) in &shown {

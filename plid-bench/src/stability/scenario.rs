@@ -11,9 +11,9 @@ use super::record::{Record, truss};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scenario {
-    /// The default truss, sensor noise 0.005 V.
+    /// The default truss with sensor noise of 0.005 V RMS.
     Truss,
-    /// The truss with so much sensor noise, V RMS.
+    /// The truss with this sensor noise in V RMS.
     TrussWithSensorNoise(f64),
     /// A random plant of the model's class.
     InClass,
@@ -25,7 +25,8 @@ pub enum Scenario {
     SaturatedConverters,
     /// A long time without input, with forgetting.
     WindUp,
-    /// A plant of the model's class of which a column of B grows by half in the middle of the record, with forgetting.
+    /// A plant of the model's class in which a column of B increases by half in the middle of the record, with
+    /// forgetting.
     Jump,
 }
 
@@ -35,7 +36,7 @@ pub enum RecordError {
     /// The truss cannot be simulated.
     #[error(transparent)]
     Testbed(#[from] TestbedError),
-    /// The plant of the model's class cannot be made.
+    /// The plant of the model's class cannot be created.
     #[error(transparent)]
     Plant(#[from] PlantError),
 }
@@ -45,7 +46,7 @@ impl Scenario {
     pub const HARD: [Self; 5] =
         [Self::DependentInputs, Self::UnexcitedMode, Self::SaturatedConverters, Self::WindUp, Self::Jump];
 
-    /// In words.
+    /// Returns the name of the scenario in words.
     pub fn name(self) -> &'static str {
         match self {
             Self::Truss => "truss",
@@ -64,8 +65,8 @@ impl Scenario {
         matches!(self, Self::WindUp | Self::Jump)
     }
 
-    /// Whether the data determine the response of each input by itself: of inputs that nearly depend on each other they
-    /// tell the sum only, and rounding may move what nothing determines.
+    /// Whether the data determine the response to each input separately. Nearly dependent inputs determine only the
+    /// response to their sum, and rounding may change what nothing determines.
     pub fn tells_every_response(self) -> bool {
         self != Self::DependentInputs
     }
@@ -75,10 +76,11 @@ impl Scenario {
         matches!(self, Self::InClass | Self::Jump)
     }
 
-    /// The record, the same for the same arguments. Only plants of the model's class depend on `states`.
+    /// Returns the record. The same arguments always give the same record. Only plants of the model's class depend on
+    /// `states`.
     ///
     /// # Errors
-    /// If it cannot be simulated.
+    /// Returns an error if the record cannot be simulated.
     pub fn record(self, states: usize, samples: usize) -> Result<Record, RecordError> {
         Ok(match self {
             Self::Truss => truss(samples, 0.005)?,

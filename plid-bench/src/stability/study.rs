@@ -44,10 +44,10 @@ const DEARER: usize = 25;
 /// The study's name in its journal.
 const STUDY: &str = "stability";
 
-/// Runs the groups of cells of a shard, or all of them, as far as `directory`'s journal does not have them yet.
+/// Runs the groups of cells of a shard, or all groups, unless the journal in `directory` already contains them.
 ///
 /// # Errors
-/// [`StudyError`]; interrupted work leaves its journal.
+/// Returns a [`StudyError`]. Interrupted work leaves its journal.
 pub fn run(
     config: &Config,
     directory: &Path,
@@ -85,12 +85,12 @@ pub fn run(
 /// Joins the journals of all shards in `directory`.
 ///
 /// # Errors
-/// [`StudyError`]
+/// Returns a [`StudyError`].
 pub fn merge(config: &Config, directory: &Path) -> Result<usize, StudyError> {
     merge_shards::<Entry>(directory, STUDY, &to_toml(config))
 }
 
-/// The work of a number of steps, in thousands of processed entries of P.
+/// Returns the work of a number of steps in thousands of processed entries of P.
 fn work(group: &Group, steps: usize) -> usize {
     steps * group.joint_states().pow(2) / 1000
 }
@@ -151,7 +151,7 @@ impl Study<'_> {
         Ok(())
     }
 
-    /// The group's record; that of the truss is the same for every number of states.
+    /// Returns the record of the group. That of the truss is the same for every number of states.
     fn record(&self, group: &Group) -> Result<Arc<Record>, super::scenario::RecordError> {
         let states = if group.scenario.depends_on_states() { group.states } else { 0 };
         let key = format!("{:?} {states} {}", group.scenario, group.steps);

@@ -31,7 +31,7 @@ fn row(judged: &Judged) -> String {
     };
     let mut text =
         format!("{:<12} {:<6} {:>3}  {definite:<26}", cell.form.as_str(), word(&cell.scalar), cell.group.states);
-    // Errors are compared at 1, 3, 10, 30 ... steps, as long as the cell and the reference both go on.
+    // Errors are compared at 1, 3, 10, 30 ... steps, as long as both the cell and the reference continue.
     let _ = match cell.errors.last() {
         Some(error) => {
             let covariance = error.covariance.map_or("not finite".to_string(), |error| format!("{error:.1e}"));

@@ -1,4 +1,4 @@
-//! The verdicts in words and with their numbers, all derived from the cells.
+//! The verdicts in words with their numbers, all derived from the cells.
 
 use plid_catalogue::Conditions;
 use plid_catalogue::{CovarianceName as Form, ScalarName};
@@ -24,7 +24,7 @@ pub struct Claim {
 pub struct Recommended {
     /// The number type.
     pub scalar: ScalarName,
-    /// n
+    /// Number of states n.
     pub states: usize,
     /// Length of the run.
     pub steps: usize,
@@ -41,7 +41,8 @@ pub struct Recommended {
 pub struct Cells<'a>(pub &'a [Judged]);
 
 impl<'a> Cells<'a> {
-    /// The cells of a part with a form and scalar, by number of states and then as they come.
+    /// Returns the cells of a part with a form and scalar, sorted by number of states and otherwise in their original
+    /// order.
     fn of(&self, part: Part, form: Form, scalar: ScalarName) -> Vec<&'a Judged> {
         let wanted = |j: &&Judged| j.cell.group.part == part && j.cell.form == form && j.cell.scalar == scalar;
         let mut found: Vec<&Judged> = self.0.iter().filter(wanted).collect();
@@ -50,7 +51,7 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// "sound at n = 12, 18; lost at n = 24 (step 178)".
+/// Returns text such as "sound at n = 12, 18; lost at n = 24 (step 178)".
 fn listed(cells: &[&Judged]) -> String {
     let of = |class: Class, word: &str| {
         let names = cells.iter().filter(|j| j.class == class).map(|j| match j.lost_at {
@@ -64,7 +65,7 @@ fn listed(cells: &[&Judged]) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
 
-/// "direct, f32".
+/// Returns text such as "direct, f32".
 pub fn name(form: Form, scalar: ScalarName) -> String {
     format!("{}, {}", word(&form), word(&scalar))
 }
@@ -76,7 +77,7 @@ fn all_sound(cells: &[&Judged]) -> bool {
 /// The verdict on a claim whose cells the config leaves out.
 const NOT_RUN: &str = "Not run.";
 
-/// The verdicts on the paper's claims and on the target for single precision.
+/// Returns the verdicts on the paper's claims and on the target for single precision.
 pub fn claims(config: &Config, cells: &Cells<'_>) -> Vec<Claim> {
     vec![twelve_states(config, cells), parameter_noise(cells), long_run(config, cells), hard_starts(cells), cost()]
 }
@@ -120,8 +121,8 @@ fn twelve_states(config: &Config, cells: &Cells<'_>) -> Claim {
     }
 }
 
-/// The verdict from the number of cells in f32 that parameter noise keeps positive, and of those among them with a good
-/// model; `None` if none was tested.
+/// Returns the verdict on parameter noise. `tested` holds the number of cells in f32 that parameter noise keeps
+/// positive, and the number of these with a good model; it is `None` if no cell was tested.
 fn parameter_noise_verdict(cells: &Cells<'_>, tested: Option<(usize, usize)>) -> String {
     let direct = cells.of(Part::Map, Form::Direct, ScalarName::F64);
     let factored = all_sound(&cells.of(Part::Map, Form::BiermanUd, ScalarName::F32));
@@ -253,7 +254,7 @@ fn hard_starts(cells: &Cells<'_>) -> Claim {
     Claim { claim: "Adverse initial conditions and records.".into(), verdict, numbers }
 }
 
-/// The table of recommendations, held to the map; it has no line for a form that was not run.
+/// Returns the table of recommendations, compared with the map. It has no line for a form that was not run.
 pub fn recommended(config: &Config, cells: &Cells<'_>, start_ratio: f64) -> Vec<Recommended> {
     let mut table = Vec::new();
     let lengths = [1000, 10_000, 100_000].into_iter().filter(|&steps| steps <= config.steps);

@@ -14,7 +14,7 @@ pub enum StudyError {
     File {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         source: std::io::Error,
     },
     /// A result is not a finite number.
@@ -32,18 +32,18 @@ pub enum StudyError {
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is wrong.
+        /// The fault.
         reason: String,
     },
-    /// A cell that cannot be measured.
+    /// A cell cannot be measured.
     #[error("{cell}: {source}")]
     Cell {
         /// Its key.
         cell: String,
-        /// Why.
+        /// The reason.
         source: Box<dyn Error + Send + Sync>,
     },
-    /// The shards do not make a whole.
+    /// The shards are not complete.
     #[error("{0}")]
     Shards(String),
     /// The user interrupted the study.
@@ -55,17 +55,17 @@ pub enum StudyError {
 }
 
 impl StudyError {
-    /// For `map_err`: the cell that could not be measured, with the cause.
+    /// Creates the error for a cell that could not be measured, with its cause, for `map_err`.
     pub fn cell<E: Error + Send + Sync + 'static>(cell: impl Into<String>) -> impl FnOnce(E) -> Self {
         move |source| Self::Cell { cell: cell.into(), source: Box::new(source) }
     }
 
-    /// For `map_err`: the file that would hold a number that is not finite.
+    /// Creates the error for a file that would hold a number that is not finite, for `map_err`.
     pub fn not_finite(path: impl Into<PathBuf>) -> impl FnOnce(plid_file::NotFinite) -> Self {
         move |source| Self::NotFinite { path: path.into(), source }
     }
 
-    /// For `map_err`: the file that could not be read or written.
+    /// Creates the error for a file that could not be read or written, for `map_err`.
     pub fn file(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         move |source| Self::File { path: path.into(), source }
     }

@@ -8,7 +8,7 @@ use super::StudyError;
 /// Writes a file atomically.
 ///
 /// # Errors
-/// [`StudyError::File`]
+/// Returns [`StudyError::File`].
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), StudyError> {
     write_atomic(path, content.as_ref()).map_err(StudyError::file(path))
 }
@@ -19,7 +19,7 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), StudyError> {
 /// Returns [`StudyError::NotFinite`] or [`StudyError::File`].
 ///
 /// # Panics
-/// Panics if the type cannot be JSON, which is a fault of the type and not of its value.
+/// Panics if the type cannot be represented in JSON, which is a fault of the type and not of its value.
 pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), StudyError> {
     write(path, to_json(value).map_err(StudyError::not_finite(path))?)
 }
@@ -27,7 +27,7 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), StudyError
 /// Writes rows as CSV under the names of their fields; `None` is an empty cell.
 ///
 /// # Errors
-/// [`StudyError::File`]
+/// Returns [`StudyError::File`].
 ///
 /// # Panics
 /// Panics if a row is not flat, which is a fault of its type.

@@ -42,13 +42,13 @@ struct OwnedLine<T> {
 const NAME: &str = "cells.jsonl";
 
 impl<T: Serialize + DeserializeOwned> Journal<T> {
-    /// Opens the journal of `study` in `directory`, which is made if it is missing. With `resume` the cells that stand
-    /// there are taken over; without, or where there are none, it begins anew. `config` is whatever the cells depend
-    /// on, as text: the config, and the machine for a study of time.
+    /// Opens the journal of `study` in `directory`, which is created if it is missing. With `resume`, the existing
+    /// cells are kept. Without it, or if there are none, the journal starts empty. `config` is a text of everything
+    /// on which the cells depend, which is the config, and for a study of time also the machine.
     ///
     /// # Errors
-    /// A journal of another study or config, or one with a line that is not a cell, except a torn last one, which is
-    /// dropped; the file system's.
+    /// Returns an error for a journal of another study or config, or for one with a line that is not a cell. An
+    /// incomplete last line is dropped instead. Also returns the errors of the file system.
     pub fn open(directory: &Path, study: &str, config: &str, resume: bool) -> Result<Self, StudyError> {
         let path = directory.join(NAME);
         let head = Head { study: study.into(), config_sha256: sha256(config) };
@@ -65,13 +65,13 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
         Ok(Self { path, file, cells })
     }
 
-    /// Writes the journal of `study` in `directory`, in place of one that is there, with these cells.
+    /// Writes the journal of `study` with these cells to `directory`, and replaces an existing one.
     ///
     /// # Errors
     /// Returns [`StudyError::NotFinite`] or [`StudyError::File`].
     ///
     /// # Panics
-    /// Panics if the type cannot be JSON, which is a fault of the type and not of its value.
+    /// Panics if the type cannot be represented in JSON, which is a fault of the type and not of its value.
     pub fn replace(directory: &Path, study: &str, config: &str, cells: &BTreeMap<String, T>) -> Result<(), StudyError> {
         let head = Head { study: study.into(), config_sha256: sha256(config) };
         let path = directory.join(NAME);
@@ -88,21 +88,21 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
     /// Returns [`StudyError::NotFinite`], because such a cell could not be read back, or [`StudyError::File`].
     ///
     /// # Panics
-    /// Panics if the type cannot be JSON, which is a fault of the type and not of its value.
+    /// Panics if the type cannot be represented in JSON, which is a fault of the type and not of its value.
     pub fn append(&mut self, key: &str, cell: T) -> Result<(), StudyError> {
         let line = line(&self.path, &Line { key, cell: &cell })?;
-        // One write, so that what is torn is the last line.
+        // A single write, so that only the last line can be incomplete.
         self.file.write_all(line.as_bytes()).and_then(|()| self.file.flush()).map_err(StudyError::file(&self.path))?;
         self.cells.insert(key.into(), cell);
         Ok(())
     }
 
-    /// A finished cell.
+    /// Returns a finished cell.
     pub fn get(&self, key: &str) -> Option<&T> {
         self.cells.get(key)
     }
 
-    /// All finished cells by key.
+    /// Returns all finished cells by key.
     pub fn cells(&self) -> &BTreeMap<String, T> {
         &self.cells
     }
@@ -139,7 +139,7 @@ fn cells<T: DeserializeOwned>(path: &Path, head: &Head, bytes: &[u8]) -> Result<
         .collect()
 }
 
-/// A line of the journal at `path`.
+/// Returns a line of the journal at `path`.
 fn line(path: &Path, content: &impl Serialize) -> Result<String, StudyError> {
     to_line(content).map_err(StudyError::not_finite(path))
 }
@@ -170,7 +170,7 @@ mod tests {
         journal.append("a", 1.5).unwrap();
         journal.append("b", 2.5).unwrap();
         let whole = fs::read_to_string(at.join(NAME)).unwrap();
-        // The last line is torn.
+        // The last line is incomplete.
         fs::write(at.join(NAME), &whole[..whole.len() - 4]).unwrap();
         let mut journal = open(at, "config", true).unwrap();
         assert_eq!(journal.get("a"), Some(&1.5));
@@ -181,7 +181,7 @@ mod tests {
         // A truncated head does not count as a head.
         fs::write(at.join(NAME), "{\"study\"").unwrap();
         assert!(open(at, "config", true).unwrap().cells().is_empty());
-        // Without resume the old cells are gone.
+        // Without `resume`, the old cells are removed.
         fs::write(at.join(NAME), &whole).unwrap();
         assert!(open(at, "config", false).unwrap().cells().is_empty());
         assert!(open(at, "config", true).unwrap().cells().is_empty());

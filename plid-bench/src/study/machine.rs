@@ -36,9 +36,9 @@ pub struct Machine {
 /// One cache.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cache {
-    /// 1 is next to the core.
+    /// Its level; 1 is next to the core.
     pub level: usize,
-    /// Data, Instruction or Unified.
+    /// Its kind: Data, Instruction or Unified.
     pub kind: String,
     /// Its size.
     pub bytes: usize,
@@ -68,7 +68,7 @@ impl Machine {
         format!("{:?}", Self { load_average: None, ..self.clone() })
     }
 
-    /// The largest cache of a level that holds data, in bytes.
+    /// Returns the size in bytes of the largest cache of a level that holds data.
     pub fn data_cache(&self, level: usize) -> Option<usize> {
         self.caches.iter().filter(|c| c.level == level && c.kind != "Instruction").map(|c| c.bytes).max()
     }
@@ -128,7 +128,7 @@ fn load_average() -> Option<[f64; 3]> {
     Some([words.next()?, words.next()?, words.next()?])
 }
 
-/// The caches that Linux lists in a directory such as /sys/devices/system/cpu/cpu0/cache.
+/// Returns the caches that Linux lists in a directory such as /sys/devices/system/cpu/cpu0/cache.
 fn caches(directory: &Path) -> Vec<Cache> {
     let one = |index: usize| {
         let field = |name: &str| read(directory.join(format!("index{index}")).join(name));

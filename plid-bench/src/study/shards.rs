@@ -15,10 +15,10 @@ struct Complete {
     shard: Shard,
 }
 
-/// Does the work of a shard in its own folder of `directory`, and says there when it is complete.
+/// Does the work of a shard in its own folder in `directory`, and records there when it is complete.
 ///
 /// # Errors
-/// The work's, or [`StudyError::File`].
+/// Returns the errors of the work, or [`StudyError::File`].
 pub fn shard<T>(
     directory: &Path,
     shard: Shard,
@@ -39,7 +39,7 @@ pub fn shard<T>(
 ///
 /// # Errors
 /// Returns [`StudyError::Shards`] with the number of a shard that is missing, incomplete or given twice, or the error
-/// of a journal, as of one that belongs to another config.
+/// of a journal, such as one that belongs to another config.
 pub fn merge_shards<T: Serialize + DeserializeOwned + Clone>(
     directory: &Path,
     study: &str,
@@ -64,7 +64,7 @@ pub fn merge_shards<T: Serialize + DeserializeOwned + Clone>(
         found.push((shard, folder));
     }
     let of = require_whole(&found).map_err(StudyError::Shards)?;
-    // What was done there without shards is kept.
+    // Cells that were measured there without shards are kept.
     for (key, cell) in Journal::<T>::open(directory, study, config, true)?.cells() {
         cells.entry(key.clone()).or_insert_with(|| cell.clone());
     }
@@ -96,7 +96,7 @@ mod tests {
         assert_eq!(said(), "there is no shard to merge");
         run(at, "2/2", "config").unwrap();
         assert_eq!(said(), "shard 1 of 2 is missing");
-        // A shard that breaks off is not complete, whatever it was before.
+        // A shard that stops early is not complete, even if it was complete before.
         run(at, "1/2", "config").unwrap();
         let broken = |_: &Path| Err::<(), _>(StudyError::Shards("broken off".into()));
         shard(at, "1/2".parse().unwrap(), broken).unwrap_err();

@@ -1,4 +1,4 @@
-//! `plid bench expectations`: which conditional expectation, and does it matter?
+//! `plid bench expectations`: which conditional expectation to use, and whether the choice matters.
 
 use plid_bench::expectations::{self, Config, FULL, QUICK};
 use plid_work::SHARDS;
@@ -10,10 +10,11 @@ use crate::{Failure, Voice, directory, voice};
 
 /// Compare the conditional expectations with each other, with exact Bayesian estimation and with batch estimates.
 ///
-/// NEES (is the stated accuracy true?), RMS error and free-run error over signal-to-noise ratios from 0.3 to 300, for a
-/// scalar plant, for plants of 4 to 12 states, and for the truss, identified with fewer states than its true order;
-/// with the true Sigma and one 100 times too large. The full study takes up to an hour on two cores, --quick up to five
-/// minutes. Ctrl-C keeps finished cells in DIR/cells.jsonl, from which --resume continues.
+/// Reports the NEES (is the stated accuracy true?), the RMS error and the free-run error for signal-to-noise ratios
+/// between 0.3 and 300. The plants are a scalar plant, plants of 4 to 12 states, and the truss, identified with fewer
+/// states than its true order. Sigma is the true one, or 100 times too small or too large; for the truss it has six
+/// values from 1e-5 to 1 times R. The full study takes up to an hour on two cores, --quick up to five minutes. Ctrl-C
+/// keeps finished cells in DIR/cells.jsonl, from which --resume continues.
 #[derive(clap::Args)]
 #[command(
     after_help = concat!(

@@ -42,7 +42,7 @@ pub struct Common {
 }
 
 impl Common {
-    /// The config: the file that was named, or the text built in for the full or the quick study.
+    /// Returns the config: the named file, or the built-in text of the full or the quick study.
     fn config<T: DeserializeOwned>(
         &self,
         full: &str,

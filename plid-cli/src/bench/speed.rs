@@ -73,7 +73,7 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     }
 }
 
-/// The largest size's steps, in a few lines.
+/// Summarises the steps at the largest size in a few lines.
 fn summary(outcome: &Outcome) -> String {
     let targets = speed::targets(outcome, None);
     let mut text = format!("{} cells timed\n", outcome.timings.len());

@@ -63,7 +63,7 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     }
 }
 
-/// The verdicts.
+/// Returns the verdicts.
 fn summary(outcome: &Outcome) -> String {
     let mut text = format!("{} cells\n", outcome.cells.len());
     for claim in &outcome.claims {

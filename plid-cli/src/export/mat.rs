@@ -2,7 +2,7 @@
 
 use super::Variable;
 
-/// The text at the start of a file, which programs show.
+/// The text at the start of a file, which other programs display.
 const HEADER: &str = "MATLAB 5.0 MAT-file, written by plid: sys = ss(A, B, C, D, 1 / sample_rate_hz)";
 
 /// Types of data elements.

@@ -38,7 +38,7 @@ fn array(variable: &Variable) -> Vec<u8> {
         }
     };
     let mut header = format!("{{'descr': '{of}', 'fortran_order': False, 'shape': {shape}, }}");
-    // Magic word, version and length take ten bytes, and the header ends with a new line.
+    // Magic string, version and length take ten bytes, and the header ends with a newline.
     let length = (10 + header.len() + 1).next_multiple_of(ALIGNED) - 10;
     header = format!("{header:<width$}\n", width = length - 1);
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();

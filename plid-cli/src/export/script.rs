@@ -12,7 +12,7 @@ const WIDTH: usize = 110;
 /// Returns the text of the module.
 pub fn text(model: &Model, from: &Path) -> String {
     let name = from.file_name().unwrap_or(from.as_os_str()).to_string_lossy();
-    // Whatever the file is called, it ends no string and no line.
+    // A file name must not end the string or the line.
     let name = name.replace(['"', '\\', '\n', '\r'], "_");
     let mut text = format!(
         "\"\"\"A linear model, written by `plid export` from {name}.\n\n\
@@ -56,7 +56,7 @@ def to_control():
     return control.ss(A, B, C, D, 1 / sample_rate_hz, inputs=inputs, outputs=outputs)
 "#;
 
-/// Returns an array with every digit, a row of the matrix after the other.
+/// Returns an array with all digits, row by row.
 fn matrix(name: &str, of: &DMatrix<f64>) -> String {
     let mut text = format!("{name} = np.array([\n");
     for row in of.row_iter() {

@@ -11,8 +11,8 @@ use super::{Failure, Voice, in_loop, voice};
 /// Check a simulator before it is used in a diagnosis.
 ///
 /// Starts the simulator of a case, an FMU, or a program that is given after `--`, and reports which rules it
-/// violates: equal runs give equal outputs, steps give the same outputs as a run, each parameter changes something, and
-/// a force moves its port. Exit status 1 if a diagnosis cannot use it.
+/// violates. The rules are: equal runs give equal outputs, steps give the same outputs as a run, each parameter
+/// changes something, and a force moves its port. The exit status is 1 if a diagnosis cannot use the simulator.
 #[derive(clap::Args)]
 #[command(
     override_usage = "plid gap check-simulator CASE.toml\n       plid gap check-simulator [OPTIONS] MODEL.fmu\n       \

@@ -19,7 +19,7 @@ pub struct Arguments {
     /// A diagnosis.json written by `plid gap diagnose`.
     #[arg(long, value_name = "FILE")]
     diagnosis: PathBuf,
-    /// The input, with one column named after each input of the simulation; in closed loop, each reference.
+    /// The input, with one column named after each input of the simulation; in closed loop, after each reference.
     #[arg(long, value_name = "FILE")]
     input: PathBuf,
     /// The outputs, CSV.
@@ -31,11 +31,11 @@ pub struct Arguments {
     /// Start time since the first record began, for drifts and hum [default: end of the last record].
     #[arg(long, value_name = "SECONDS")]
     t0: Option<f64>,
-    /// Folder in which the program of the diagnosis is started, if it had a simulator in the loop: that of its case
+    /// Folder in which the simulator program of the diagnosis is started, if there is one; use the folder of its case
     /// [default: the current folder].
     #[arg(long, value_name = "DIR", default_value = ".")]
     folder: PathBuf,
-    /// Outputs of your own simulator for that input: the change by the refit and the effects is added to them.
+    /// Outputs of your own simulator for that input: the change due to the refit and the effects is added to them.
     #[arg(long, value_name = "FILE")]
     simulated: Option<PathBuf>,
 }
@@ -63,7 +63,7 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
             if rows != inputs {
                 return Err(Failure::input(format!("{}: {rows} rows, but the input has {inputs}", file.display())));
             }
-            // A file of a former version does not contain the simulation as given.
+            // A file from an earlier version does not contain the simulation as given.
             let change = prediction.change.as_ref().unwrap_or(&prediction.correction);
             own.iter().zip(change).map(|(y, c)| y.iter().zip(c).map(|(y, c)| y + c).collect()).collect()
         }

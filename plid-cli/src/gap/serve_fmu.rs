@@ -25,7 +25,7 @@ pub struct Arguments {
     choice: Choice,
 }
 
-/// The choices for an FMU.
+/// The options for an FMU.
 #[derive(clap::Args, Default)]
 pub struct Choice {
     /// Samples per second [default: one sample for each step of the FMU's default experiment].
@@ -50,14 +50,14 @@ pub struct Choice {
 }
 
 impl Choice {
-    /// Returns whether no choice is made.
+    /// Returns whether no option is given.
     pub fn is_empty(&self) -> bool {
         let Self { rate, parameter, port, steps_per_sample, input, output } = self;
         let lists = [parameter.is_empty(), port.is_empty(), input.is_empty(), output.is_empty()];
         rate.is_none() && steps_per_sample.is_none() && lists.into_iter().all(|empty| empty)
     }
 
-    /// The choices of a case.
+    /// Returns the options of a case.
     pub fn of_case(source: &FmuSource, rate_hz: f64, parameters: &[String], steps: Option<usize>) -> Self {
         Self {
             rate: Some(rate_hz),
@@ -68,7 +68,7 @@ impl Choice {
         }
     }
 
-    /// With these channels.
+    /// Returns the options with these channels.
     pub fn channels<'n>(
         self,
         inputs: impl IntoIterator<Item = &'n String>,
@@ -79,7 +79,7 @@ impl Choice {
         Self { input: named(inputs), output: named(outputs), ..self }
     }
 
-    /// The choices for a diagnosed FMU.
+    /// Returns the options for a diagnosed FMU.
     pub fn again(source: &FmuSource, diagnosed: &Description) -> Self {
         let parameters: Vec<String> = diagnosed.parameters.iter().map(|parameter| parameter.name.clone()).collect();
         let inputs = diagnosed.inputs.iter().map(|input| &input.name);

@@ -20,7 +20,7 @@ pub(super) struct Callbacks {
     logger: Logger,
     allocate: unsafe extern "C" fn(usize, usize) -> *mut c_void,
     free: unsafe extern "C" fn(*mut c_void),
-    /// Would be called at the end of asynchronous steps, which are not used.
+    /// The function for the end of asynchronous steps, which are not used.
     step_finished: Option<unsafe extern "C" fn(*mut c_void, c_int)>,
     environment: *mut c_void,
 }

@@ -12,7 +12,7 @@ const KEPT: usize = 8;
 /// Longest part of a message that is kept.
 const LENGTH: usize = 1000;
 
-/// The last messages of an instance. The instance has its address, so it must stay where it is.
+/// The last messages of an instance. The instance knows the address of this value, so it must not move.
 #[repr(C)]
 pub(super) struct Log {
     /// The function to which the logger in logger.c passes a message.

@@ -102,7 +102,7 @@ pub(crate) struct Binary {
     functions: Functions,
     /// The functions that store states, if the library has them.
     states: Option<states::Functions>,
-    /// The functions above are in it, so it is dropped last.
+    /// The library that contains the functions above, which is therefore dropped last.
     _library: Library,
 }
 
@@ -141,7 +141,7 @@ fn in_words(error: &dyn std::error::Error) -> String {
 enum Stage {
     /// Created or reset.
     New,
-    /// Initialised: it takes steps.
+    /// Initialised, so that it can take steps.
     Steps,
     /// A function failed.
     Failed,
@@ -149,15 +149,15 @@ enum Stage {
     Lost,
 }
 
-/// An instance of an FMU. It is freed before its library is closed, because it holds it.
+/// An instance of an FMU. It holds its library, so the library is closed only after the instance is freed.
 pub(crate) struct Instance {
     binary: std::sync::Arc<Binary>,
-    /// Never null.
+    /// The instance, which is never null.
     pointer: *mut c_void,
     stage: Stage,
     states: States,
     log: Box<Log>,
-    /// FMI 2.0 keeps their address.
+    /// The callbacks, whose address FMI 2.0 keeps.
     _callbacks: Box<fmi2::Callbacks>,
 }
 
@@ -188,7 +188,7 @@ impl Instance {
         self.log.take()
     }
 
-    /// Returns whether it may be reset: no call failed.
+    /// Returns whether it may be reset, which is so if no call has failed.
     pub fn is_sound(&self) -> bool {
         matches!(self.stage, Stage::New | Stage::Steps)
     }

@@ -1,4 +1,4 @@
-//! A structure with accelerometers, of which one is where no input acts.
+//! A structure with accelerometers, one of which is at a place where no input acts.
 
 use nalgebra::{DMatrix, dmatrix};
 use plid_model::{Model, OutputKind};
@@ -18,7 +18,7 @@ const DAMPING: f64 = 5e-4;
 const STEPS: usize = 8;
 const HOLD: usize = 8;
 
-/// The rate of both displacements and velocities, with one force on each mass.
+/// Returns the time derivatives of both displacements and velocities, with one force on each mass.
 fn rate(x: [f64; 4], forces: [f64; 2]) -> [f64; 4] {
     let acceleration = |i: usize| {
         let elastic: f64 = (0..2).map(|j| K[i][j] * (x[j] + DAMPING * x[2 + j])).sum();
@@ -27,8 +27,8 @@ fn rate(x: [f64; 4], forces: [f64; 2]) -> [f64; 4] {
     [x[2], x[3], acceleration(0), acceleration(1)]
 }
 
-/// Returns a model with accelerometers on both masses and a force on the first, which comes early by a time. A further
-/// spring `k` holds the second.
+/// Returns a model with accelerometers on both masses and a force on the first, which acts early by `early_s`. A
+/// further spring `k` holds the second.
 pub fn model(k: f64, early_s: f64) -> Model {
     let unit = |j: usize| std::array::from_fn(|i| if i == j { 1.0 } else { 0.0 });
     let a = DMatrix::from_fn(4, 4, |i, j| {
@@ -43,8 +43,8 @@ pub fn model(k: f64, early_s: f64) -> Model {
     model
 }
 
-/// Returns the accelerations of both masses by a force on the first, with a cubic spring on the second, and the RMS of
-/// the second's displacement.
+/// Returns the accelerations of both masses under a force on the first, with a cubic spring on the second, and the
+/// RMS of the second's displacement.
 fn measured(u: &[f64], k: f64) -> (Channels, f64) {
     let h = 1.0 / (RATE * STEPS as f64);
     let (mut x, mut y, mut displacements) = ([0.0; 4], vec![Vec::new(); 2], Vec::new());
@@ -69,8 +69,8 @@ fn measured(u: &[f64], k: f64) -> (Channels, f64) {
 #[test]
 fn a_spring_at_an_accelerometer_is_named_there() {
     let input = |k: usize| {
-        let drawn = &random_input(40 + k as u64, 2400, 1)[0];
-        vec![(0..2400).map(|n| drawn[n / HOLD]).collect::<Vec<f64>>()]
+        let drawn = &random_input(40 + k as u64, 1600, 1)[0];
+        vec![(0..1600).map(|n| drawn[n / HOLD]).collect::<Vec<f64>>()]
     };
     let (y, d) = measured(&input(1)[0], 0.0);
     let std: Vec<f64> = y.iter().map(|y| 0.005 * rms(y)).collect();
@@ -85,7 +85,7 @@ fn a_spring_at_an_accelerometer_is_named_there() {
     assert_eq!(found.verdict, Verdict::Effects, "{}", found.sentence);
     let spring = first_is(&found, "cubic-stiffness", "port:y2");
     assert!(found.gap.as_given > 0.1 && found.gap.shrink > 0.9, "{}: {:?}", found.sentence, found.gap);
-    // Reciprocity gives its size as well.
+    // Reciprocity also gives its size.
     let k = spring.parameters["k"].value;
     assert!((k / strength - 1.0).abs() < 0.02, "{k} for {strength}");
 }

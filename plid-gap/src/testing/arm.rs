@@ -1,7 +1,7 @@
 //! A nonlinear arm as a foreign simulator: a motor drives a link through a spring, and gravity acts on the link.
 //!
-//! The truths are integrated with the effect inside the equations, in forty steps of Runge and Kutta's method a sample;
-//! the simulator takes four, and a force that is held over each of them.
+//! The true systems are integrated with the effect inside the equations, in forty Runge-Kutta steps per sample. The
+//! simulator takes four steps per sample, and a force that is held over each of them.
 
 use plid_simulator::{Description, Input, Motion, Output, OutputKind, Parameter, Port, Simulator, SimulatorError};
 
@@ -12,7 +12,7 @@ use crate::testing::{random_input, record};
 pub const RATE: f64 = 200.0;
 const STEPS: usize = 4;
 
-/// Numbers of the arm: inertia, damper and gravity of motor and link, and the spring between them.
+/// Parameters of the arm: inertia, damper and gravity of motor and link, and the spring between them.
 #[derive(Debug, Clone, Copy)]
 pub struct Numbers {
     pub motor: f64,
@@ -24,10 +24,11 @@ pub struct Numbers {
 
 pub const NOMINAL: Numbers = Numbers { motor: 0.02, link: 0.05, spring: 60.0, damper: 0.15, gravity: 2.0 };
 
-/// Angles of motor and link, then their velocities, then a state of an effect.
+/// Angles of motor and link, their velocities, and a state of an effect.
 type State = [f64; 5];
 
-/// Torques on motor and link, and the rate of the effect's state, from the state and the command.
+/// Torques on motor and link, and the time derivative of the effect's state, as functions of the state and the
+/// command.
 pub type Extra = fn(&State, f64, f64) -> [f64; 3];
 
 pub fn nothing(_: &State, _: f64, _: f64) -> [f64; 3] {
@@ -43,7 +44,7 @@ fn rates(numbers: &Numbers, x: &State, torque: [f64; 2]) -> State {
     [motor_rate, link_rate, on_motor / numbers.motor, on_link / numbers.link, 0.0]
 }
 
-/// One step of Runge and Kutta's method.
+/// Carries out one step of the Runge-Kutta method.
 fn step(x: &mut State, h: f64, of: impl Fn(&State) -> State) {
     let moved = |x: &State, k: &State, h: f64| -> State { std::array::from_fn(|i| x[i] + h * k[i]) };
     let a = of(x);
@@ -53,7 +54,7 @@ fn step(x: &mut State, h: f64, of: impl Fn(&State) -> State) {
     *x = std::array::from_fn(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]));
 }
 
-/// The outputs: angle of the motor and of the link.
+/// Returns the outputs, which are the angles of the motor and of the link.
 fn seen(x: &State) -> [f64; 2] {
     [x[0], x[1]]
 }
@@ -63,7 +64,7 @@ pub struct Arm {
     description: Description,
     numbers: Numbers,
     state: State,
-    /// How often it ran.
+    /// Number of runs.
     pub runs: usize,
 }
 
@@ -112,7 +113,7 @@ impl Simulator for Arm {
     }
 }
 
-/// The measured outputs of the real arm, without noise.
+/// Returns the measured outputs of the real arm without noise.
 fn measured(numbers: &Numbers, extra: Extra, u: &[f64]) -> Channels {
     let fine = 40;
     let h = 1.0 / (RATE * f64::from(fine));
@@ -134,7 +135,7 @@ fn measured(numbers: &Numbers, extra: Extra, u: &[f64]) -> Channels {
     y
 }
 
-/// A command that moves the arm: random steps held for some samples, smoothed.
+/// Returns a command that moves the arm: smoothed random steps, each held for some samples.
 fn command(seed: u64, samples: usize, level: f64) -> Vec<f64> {
     let random = random_input(seed, samples / 12 + 2, 1).remove(0);
     let mut smooth = 0.0;
@@ -146,8 +147,8 @@ fn command(seed: u64, samples: usize, level: f64) -> Vec<f64> {
         .collect()
 }
 
-/// A case of three driven records at two levels and a quiet one, with noise of 0.5 %. `sense` changes the outputs after
-/// the arm, and `drive` the command before it.
+/// Returns a case of three driven records at two levels and a quiet one, with noise of 0.5 %. `sense` changes the
+/// outputs after the arm, and `drive` the command before it.
 pub fn case(numbers: &Numbers, extra: Extra, drive: fn(&[f64]) -> Vec<f64>, sense: fn(&mut Channels)) -> Case {
     let mut config = CaseConfig::new(RATE, vec!["torque".into()], vec!["motor".into(), "link".into()]);
     let mut records: Vec<Record> = Vec::new();

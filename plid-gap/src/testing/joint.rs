@@ -1,4 +1,4 @@
-//! A joint of an axis that slips, whose stiffness the simulation contains: the law of Bouc and Wen, integrated by small
+//! An axis with a slipping joint, whose stiffness is part of the simulation. The Bouc-Wen law is integrated in small
 //! steps.
 
 use nalgebra::dmatrix;
@@ -14,11 +14,11 @@ const SAMPLES: usize = 2500;
 /// Number of samples over which a command is held.
 const HOLD: usize = 10;
 
-/// Steps within a sample.
+/// Number of steps within a sample.
 const STEPS: usize = 40;
 
-/// Stiffness of the axis, of a unit mass with a damper of `DAMPER`; `JOINT` of it belongs to the joint, which yields at
-/// `YIELD`. The motion has an RMS of about 0.003.
+/// Stiffness of the axis, which has unit mass and a damper of `DAMPER`. The share `JOINT` of the stiffness belongs to
+/// the joint, which yields at `YIELD`. The motion has an RMS of about 0.003.
 const SPRING: f64 = 120.0;
 const DAMPER: f64 = 14.0;
 const JOINT: f64 = 70.0;
@@ -46,7 +46,7 @@ fn displacement(u: &[f64]) -> Vec<f64> {
     seen
 }
 
-/// The axis with a joint that is stuck.
+/// Returns the axis with a joint that sticks.
 fn simulation() -> Model {
     let (a, b) = held(&dmatrix![0.0, 1.0; -SPRING, -DAMPER], &dmatrix![0.0; 1.0], 1.0 / RATE);
     Model::new(RATE, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap()

@@ -1,4 +1,4 @@
-//! A strongly stiffening oscillator at several levels, integrated as the truths of the blind cases are.
+//! A strongly stiffening oscillator at several levels, integrated like the true systems of the blind cases.
 
 use std::f64::consts::TAU;
 
@@ -18,10 +18,10 @@ const SAMPLES: usize = 800;
 const W: f64 = TAU * 17.0;
 const ZETA: f64 = 0.05;
 
-/// The cubic stiffness over the linear one. In the loudest record, the spring stiffens by about its own stiffness.
+/// Ratio of the cubic to the linear stiffness. In the loudest record, the spring stiffens by about its own stiffness.
 const CUBIC: f64 = 0.8;
 
-/// Returns the oscillator without its cubic spring, with a port at which that acts.
+/// Returns the oscillator without its cubic spring, and with a port at which this spring acts.
 fn oscillator() -> Model {
     let (a, b) = (dmatrix![0.0, 1.0; -W * W, -2.0 * ZETA * W], dmatrix![0.0; W * W]);
     let (step, input) = held(&a, &b, 1.0 / RATE);
@@ -41,7 +41,7 @@ fn oscillator() -> Model {
 fn case() -> Case {
     let sim = oscillator();
     let std = [1e-3];
-    // A mean of two neighbours keeps most of the power below the fastest motion.
+    // The mean of two neighbouring samples keeps most of the power below the fastest motion.
     let input = |k: usize| -> Channels {
         let drawn = &random_input(k as u64 + 1, SAMPLES + 1, 1)[0];
         vec![drawn.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect()]
@@ -53,7 +53,7 @@ fn case() -> Case {
     })
 }
 
-/// The law is found in the weakest record and carried up to the loudest.
+/// The law is found in the record with the lowest level and extended to the one with the highest.
 #[test]
 fn a_strong_law_is_carried_up_from_the_weakest_level() {
     let mut case = case();

@@ -1,4 +1,4 @@
-//! Small structures and records of them, for tests.
+//! Small structures and their records, for tests.
 
 pub mod accelerometers;
 pub mod arm;
@@ -29,12 +29,14 @@ pub use crate::testing::truss::{RATE, Sensor};
 /// Frequencies in Hz and damping ratios of the modes.
 pub const MODES: [(f64, f64); 4] = [(58.0, 0.01), (137.0, 0.008), (186.0, 0.012), (243.0, 0.006)];
 
-/// Two actuators with a pole at 260 Hz, two accelerometers behind a two-pole filter at 600 Hz, declared ports.
+/// Returns a truss with two actuators with a pole at 260 Hz, two accelerometers behind a two-pole filter at 600 Hz,
+/// and declared ports.
 pub fn truss(seed: u64) -> Model {
     truss_with(seed, |_, _, _| {})
 }
 
-/// A [`truss`] with changed frequencies and damping ratios, input shapes (modes x 2) and output shapes (2 x modes).
+/// Returns a [`truss`] with changed frequencies and damping ratios, input shapes (modes x 2) and output shapes (2 x
+/// modes).
 pub fn truss_with(seed: u64, change: impl FnOnce(&mut [(f64, f64)], &mut DMatrix<f64>, &mut DMatrix<f64>)) -> Model {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut truss = Truss::draw(&MODES, &mut rng);
@@ -42,7 +44,7 @@ pub fn truss_with(seed: u64, change: impl FnOnce(&mut [(f64, f64)], &mut DMatrix
     truss.model(&mut rng)
 }
 
-/// The truss of [`truss`] with other sensors, and changed frequencies and damping ratios.
+/// Returns the truss of [`truss`] with other sensors, and with changed frequencies and damping ratios.
 pub fn truss_sensed(seed: u64, sensor: Sensor, change: impl FnOnce(&mut [(f64, f64)])) -> Model {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut truss = Truss { sensor, ..Truss::draw(&MODES, &mut rng) };
@@ -56,7 +58,7 @@ pub fn truss_sensed(seed: u64, sensor: Sensor, change: impl FnOnce(&mut [(f64, f
     truss.model(&mut rng)
 }
 
-/// White Gaussian channels of unit RMS.
+/// Returns white Gaussian channels of unit RMS.
 pub fn random_input(seed: u64, samples: usize, channels: usize) -> Channels {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x5eed);
     (0..channels).map(|_| (0..samples).map(|_| rng.sample(StandardNormal)).collect()).collect()
@@ -99,7 +101,7 @@ pub fn case(sim: &Model, real: &Model) -> Case {
     case
 }
 
-/// Returns the relative difference of the free runs of two models for an input that neither was fitted to.
+/// Returns the relative difference of the free runs of two models for an input to which neither was fitted.
 pub fn apart(a: &Model, b: &Model) -> f64 {
     let u = random_input(99, 2048, a.m());
     let (a, b) = (run(a, &u), run(b, &u));
@@ -112,14 +114,14 @@ pub fn diagnosed(case: &Case) -> Diagnosis {
     crate::diagnose(case, &Library::standard(), &mut |_| {}).unwrap().diagnosis
 }
 
-/// Checks which effect is named first, and where. Returns it.
+/// Checks which effect is named first, and at which location. Returns this effect.
 pub fn first_is<'d>(found: &'d Diagnosis, effect: &str, location: &str) -> &'d NamedEffect {
     let first = &found.effects[0];
     assert_eq!((first.effect.as_str(), first.location.as_str()), (effect, location), "{}", found.sentence);
     first
 }
 
-/// Leaves only these effects to a search, and those that no free run shows. Few rivals make it short.
+/// Restricts the search to these effects and those that no free run shows. Few rivals make the search short.
 pub fn only(case: &mut Case, effects: &[&str]) {
     let library = Library::standard();
     let others = library.effects().filter(|effect| !effect.is_stochastic() && !effects.contains(&effect.name()));
@@ -149,7 +151,7 @@ pub fn add_noise(y: &mut Channels, seed: u64, std: &[f64]) {
 }
 
 /// Adds a share of the product of each of two outputs with the other one's past, 40 samples ago: an imperfection that
-/// no effect explains. `size` are the RMS of the outputs.
+/// no effect explains. `size` holds the RMS values of the outputs.
 pub fn add_products(y: &mut Channels, share: f64, size: &[f64]) {
     let earlier = y.clone();
     for (o, y) in y.iter_mut().enumerate() {

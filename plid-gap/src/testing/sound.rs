@@ -19,7 +19,8 @@ const SAMPLES: usize = 2000;
 /// Number of samples over which a command is held.
 const HOLD: usize = 15;
 
-/// A thermal plant: three bodies in a row with these time constants in s, seen by a thermometer at 1 Hz.
+/// Returns a thermal plant of three bodies in a row with these time constants in s, measured by a thermometer at 1
+/// Hz.
 fn oven(time_constants: &[f64]) -> Model {
     let n = time_constants.len();
     let turn = |k: usize| (-1.0 / time_constants[k]).exp();
@@ -52,8 +53,8 @@ fn case(plant: &Model) -> Case {
     })
 }
 
-/// The noise is declared as 0.7 or 1.4 times what it is. With a quiet record, the sensor is at most noisier than
-/// declared; without one, nothing is missing.
+/// The declared noise is 0.7 or 1.4 times the true noise. With a quiet record, the only finding may be a sensor
+/// noisier than declared; without such a record, nothing is missing.
 #[test]
 fn a_wrong_declared_noise_is_no_effect() {
     for factor in [0.7, 1.4] {
@@ -72,8 +73,8 @@ fn a_wrong_declared_noise_is_no_effect() {
     }
 }
 
-/// A thermometer does not read zero where the oven rests. Without a simulation, this level is part of the linear model,
-/// and the prediction from rest begins there.
+/// The thermometer does not read zero when the oven is at rest. Without a simulation, this level is part of the
+/// linear model, and the prediction from rest begins there.
 #[test]
 fn a_level_is_part_of_the_model_of_the_records() {
     let plant = oven(&[40.0, 12.0]);
@@ -96,8 +97,8 @@ fn a_level_is_part_of_the_model_of_the_records() {
     assert!(rms(&off) < 0.01 * rms(&run(&plant, &u)[0]), "{}", rms(&off));
 }
 
-/// A model with one state too few is identified from a record that is set aside. What it misses of the other records
-/// looks like a lag and a gain, but these leave more than a third state does.
+/// A model with one state too few is identified from a record that is set aside. Its errors on the other records look
+/// like a lag and a gain, but these leave a larger remainder than a third state.
 #[test]
 fn one_state_too_few_is_no_effect() {
     for (states, verdict) in [(2, Verdict::Unknown), (3, Verdict::None)] {

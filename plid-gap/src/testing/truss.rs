@@ -1,5 +1,5 @@
-//! A small structure for tests: modes with actuators and filters. Its equations are written here in physical form and
-//! check the modal form. Nothing of this crate is used.
+//! A small structure for tests, with modes, actuators and filters. Its equations are written here in physical form,
+//! as a check of the modal form. They use nothing of this crate.
 
 use std::f64::consts::TAU;
 
@@ -15,16 +15,16 @@ pub const RATE: f64 = 1600.0;
 /// The quantity that a sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sensor {
-    /// gamma q.
+    /// Position, gamma q.
     Position,
-    /// gamma q'.
+    /// Velocity, gamma q'.
     Velocity,
-    /// gamma q".
+    /// Acceleration, gamma q".
     Acceleration,
 }
 
-/// q" + 2 zeta w q' + w^2 q = beta a for each mode, with a' = pole (u - a) for each actuator; sensors have a filter of
-/// two poles.
+/// A structure with q" + 2 zeta w q' + w^2 q = beta a for each mode and a' = pole (u - a) for each actuator. Sensors
+/// have a filter of two poles.
 #[derive(Debug, Clone)]
 pub struct Truss {
     /// Frequencies in Hz and damping ratios.
@@ -109,7 +109,7 @@ impl Truss {
             b[(acting + i, i)] = TAU * hz;
         }
         for o in 0..p {
-            // The measured motion: a function of the states and, for an acceleration, of the force at once.
+            // The measured motion is a function of the states and, for an acceleration, directly of the force.
             let mut motion = DVector::zeros(n);
             let mut at_once = vec![0.0; m];
             for k in 0..q {

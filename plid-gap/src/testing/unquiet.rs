@@ -1,4 +1,5 @@
-//! Records none of which shows the noise level: the process is disturbed while it is driven, and it is always driven.
+//! Records of which none shows the noise level, because the process is disturbed while it is driven, and it is always
+//! driven.
 
 use nalgebra::dmatrix;
 use plid_model::Model;
@@ -13,7 +14,7 @@ const SAMPLES: usize = 1500;
 /// Length of a step of the input in samples.
 const HOLD: usize = 5;
 
-/// A process of two time constants, with the temperature behind both as its output.
+/// Returns a process of two time constants, with the temperature after both as its output.
 fn process() -> Model {
     let (a, b) = (dmatrix![0.9, 0.05; 0.0, 0.8], dmatrix![0.02; 0.2]);
     Model::new(1.0, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap()
@@ -44,8 +45,8 @@ fn case(seed: u64, disturbance: f64, bend: fn(f64, f64) -> f64) -> Case {
     Case { config, model, records, for_simulation: Vec::new(), controller: None, warnings: Vec::new() }
 }
 
-/// A disturbance that the inputs do not predict is noise, whatever its size and colour. The same gap made by a product
-/// of input and output, which no effect of the vocabulary makes, is not.
+/// A disturbance that the inputs do not predict is noise, whatever its size and colour. The same gap is not noise if
+/// it is due to a product of input and output, which no effect of the vocabulary contains.
 #[test]
 fn a_disturbance_is_noise_and_a_product_is_not() {
     let library = Library::standard();
@@ -65,7 +66,7 @@ fn a_disturbance_is_noise_and_a_product_is_not() {
     }
 }
 
-/// The corner of a limit is found with its level.
+/// The corner of a limit is found together with its level.
 #[test]
 fn a_sharp_limit_of_the_command_is_named() {
     let limited = case(5, 0.001, |u: f64, _| u.clamp(-0.9, 0.9) - u);

@@ -110,10 +110,10 @@ pub struct StructureConfig {
     /// recommendation of the scan.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub states: Option<usize>,
-    /// The observability indices n_1, ..., n_p, `"balanced"` (the default), or `"search"`, which selects them by the
-    /// data.
+    /// The observability indices n_1, ..., n_p, `"balanced"` (the default), or `"search"`, which selects them from
+    /// the data.
     pub indices: IndicesChoice,
-    /// Orders to be compared on the training data; without `states` the recommended one is used.
+    /// Orders to be compared on the training data. Without `states`, the recommended one is used.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scan: Vec<usize>,
 }
@@ -135,7 +135,8 @@ impl StructureKind {
     }
 }
 
-/// `structure = "simo-merge"` gives the kind alone; a table may contain further keys.
+/// Reads a structure. A word such as `structure = "simo-merge"` gives only the kind; a table may contain further
+/// keys.
 fn word_or_table<'de, D: Deserializer<'de>>(deserializer: D) -> Result<StructureConfig, D::Error> {
     struct Either;
     impl<'de> Visitor<'de> for Either {
@@ -164,7 +165,7 @@ pub enum IndicesChoice {
     /// As evenly as possible.
     #[default]
     Balanced,
-    /// Selected by the data.
+    /// Selected from the data.
     Search,
     /// As specified.
     Given(Vec<usize>),
@@ -252,7 +253,7 @@ pub struct NoiseConfig {
     pub from: NoiseSource,
     /// Whether the numbers are covariances or RMS values.
     pub read_as: NoiseReading,
-    /// R (p x p). With `from = "tuned"` a given R is taken as known.
+    /// R (p x p). With `from = "tuned"`, a given R is taken as known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensor: Option<Covariance>,
     /// Q (m x m); the default is 0.
@@ -336,13 +337,14 @@ pub struct ValidationConfig {
     pub training_share: f64,
     /// The fraction of the training data on which the filters of the noise bank run; the rest scores them.
     pub learning_share: f64,
-    /// With `structure.kind = "simo-merge"`, a record in which all inputs act. Its leading `training_share` determines
-    /// the state, and the rest scores the merged model. By default the testbed simulates one; for files there is none.
+    /// With `structure.kind = "simo-merge"`, a record in which all inputs act. Its leading `training_share`
+    /// determines the state, and the rest scores the merged model. By default, the testbed simulates one; for files
+    /// there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
-    /// Whether only the recursive model is computed, as in a study of many runs: no predictor gain is fitted, so there
-    /// are no one-step errors on held-out data and no residual tests, and no other model is estimated. Both take longer
-    /// than the recursion.
+    /// Whether only the recursive model is computed, as in a study of many runs. No predictor gain is fitted then, so
+    /// there are no one-step errors on held-out data and no residual tests, and no other model is estimated. The gain
+    /// and the other models take longer than the recursion.
     pub model_only: bool,
     /// Largest lag of the residual tests; the default depends on the length of the record.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -370,7 +372,7 @@ impl Default for ValidationConfig {
 }
 
 impl Experiment {
-    /// Every file that the experiment names, relative to the experiment file.
+    /// Returns every file that the experiment names, relative to the experiment file.
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
         let input = self.data.testbed.as_ref().and_then(|testbed| testbed.input_file.as_ref());
         let others =

@@ -15,7 +15,7 @@ pub use plid_data::config::{ConfigError, from_toml, to_toml};
 /// Reads and checks an experiment.
 ///
 /// # Errors
-/// [`ConfigError`] with file, line and, for a word that is not known, the nearest that is.
+/// Returns a [`ConfigError`] with the file, the line and, for an unknown word, the most similar known word.
 pub fn read(path: &Path) -> Result<Experiment, ConfigError> {
     plid_data::config::read_checked(path, Experiment::problems)
 }

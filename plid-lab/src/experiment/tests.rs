@@ -1,4 +1,4 @@
-//! The messages for the author of a config.
+//! Tests of the messages for the author of a config.
 
 use super::*;
 
@@ -22,7 +22,7 @@ fn an_unknown_word_is_named_with_what_it_can_be() {
     let (line, message, help) = error("[data]\n[variant]\ncovariance = \"udu\"\n");
     assert_eq!(line, 3);
     assert!(message.contains("`udu`") && message.contains("`bierman-ud`"), "{message}");
-    // The message lists the words already.
+    // The message already lists the words.
     assert_eq!(help, "");
 }
 
@@ -53,7 +53,7 @@ fn values_out_of_range_are_named() {
     }
 }
 
-/// The word alone is understood; the message states what else is needed, with an example.
+/// The word alone is accepted, and the message states with an example what else is required.
 #[test]
 fn the_structure_may_be_a_word_or_a_table() {
     let data = "[data]\nfiles = [\"1.csv\", \"2.csv\"]\ninputs = [\"u\", \"v\"]\noutputs = [\"y\"]\n";

@@ -1,4 +1,4 @@
-//! The test whether the runs share the parameters that they should share.
+//! The test of whether the runs share the parameters that they should share.
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -21,7 +21,7 @@ pub struct Departure {
     /// Effective degrees of freedom according to the spread of the chi-square over the directions; smaller than
     /// `directions` if a few of them dominate.
     pub effective: f64,
-    /// Chi-square over degrees of freedom of the other runs among themselves, at least 1; `None` with two runs.
+    /// Chi-square of the other runs among themselves over its degrees of freedom, at least 1; `None` with two runs.
     pub overdispersion: Option<f64>,
     /// Chi-square divided by `directions` and by `overdispersion`: about 1 for a consistent run.
     pub quotient: f64,

@@ -35,11 +35,11 @@ const NOTHING: f64 = 1e-10;
 const ROUNDING: f64 = 1e-3;
 
 impl Knowledge {
-    /// The data of the run without its prior, from P^-1 = P0^-1 + (information of the data).
+    /// Returns the data of the run without its prior, from P^-1 = P0^-1 + (information of the data).
     ///
-    /// In units of the prior's deviations, P = L L' with the singular values s of L. Its data have the information
-    /// 1/s^2 - 1 along the left singular vectors: P is never inverted, and s is exact to about 1e-16 where s^2 would
-    /// not be.
+    /// In units of the prior's standard deviations, P = L L'. With the singular values s of L, the data have the
+    /// information 1/s^2 - 1 along the left singular vectors. P is never inverted, and s is exact to about 1e-16,
+    /// whereas s^2 would not be.
     pub(super) fn data(&self) -> Result<Rows, MergeError> {
         let size = self.places.len();
         let free: Vec<usize> = (0..size).filter(|&k| self.prior_variances[k] > 0.0).collect();
@@ -75,7 +75,8 @@ impl Knowledge {
         Ok(Rows { rows, right })
     }
 
-    /// Whether the numbers form a Gaussian, as far as sizes and signs are concerned; the computation relies on it.
+    /// Checks that sizes and signs of the numbers are those of a Gaussian distribution, on which the computation
+    /// relies.
     pub(super) fn check(&self) -> Result<(), MergeError> {
         let size = self.places.len();
         let shapes = self.estimate.len() == size
@@ -97,8 +98,8 @@ impl Knowledge {
         Err(MergeError::Unusable { run: self.run.clone(), problem: problem.into() })
     }
 
-    /// L of P = L L'. Cholesky's factor has errors relative to each parameter's own variance, however much these
-    /// differ.
+    /// Returns L of P = L L'. The errors of the Cholesky factor are relative to each parameter's own variance,
+    /// however much the variances differ.
     fn factor(&self, whitened: &DMatrix<f64>, free: &[usize]) -> Result<DMatrix<f64>, MergeError> {
         let size = whitened.nrows();
         let smallest = 4.0 * size as f64 * f64::EPSILON;

@@ -14,7 +14,7 @@ use crate::run::{Estimate, RunError, parameters};
 /// An input counts as at rest in a record if its RMS is at most this fraction of its RMS in the record where it acts.
 pub const REST: f64 = 1e-3;
 
-/// A larger ratio between the scales of P causes a warning: the merge corrects the scales but not the shapes.
+/// A larger ratio between the scales of P causes a warning, because the merge corrects the scales but not the shapes.
 const UNLIKE: f64 = 30.0;
 
 /// The merged model of several runs.
@@ -26,7 +26,7 @@ pub struct Merged {
     pub canonical: Model,
     /// Number of samples by which the inputs were advanced.
     pub advanced: usize,
-    /// The test whether the runs share A.
+    /// The test of whether the runs share A.
     pub consistency: Consistency,
     /// Warnings about properties that could not be checked.
     pub remarks: Vec<String>,
@@ -112,8 +112,7 @@ fn alike(first: &FinishedRun, run: &FinishedRun) -> Result<(), MergeError> {
         return Err(differ("observability indices are", list(b), list(a)));
     }
     if first.advanced != run.advanced {
-        // The test for feedthrough is undecided by noise if the feedthrough is small, so runs may differ in the
-        // advance.
+        // If the feedthrough is small, noise may decide the test for feedthrough, so runs may differ in the advance.
         let samples = |count: usize| format!("advanced by {count} (set `preparation.advance` in both)");
         return Err(differ("input is", samples(run.advanced), samples(first.advanced)));
     }

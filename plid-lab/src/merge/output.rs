@@ -15,8 +15,8 @@ use crate::run::{
 };
 use plid_file::{Staged, write_atomic};
 
-/// Writes all files of a merge into `directory`. They replace those of an earlier merge together; if anything fails,
-/// the earlier merge is as it was.
+/// Writes all files of a merge into `directory`. Together they replace those of an earlier merge. If anything fails,
+/// the earlier merge remains unchanged.
 ///
 /// # Errors
 /// Returns an error if a file cannot be written or a frequency response cannot be computed.

@@ -224,7 +224,7 @@ fn traces(outcome: &Outcome, held_out: &HeldOut) -> String {
     trace_plot(&traces, held_out.sample_rate_hz, 0..WINDOW.min(held_out.measured.nrows()))
 }
 
-/// Returns the frequency band of the plots: that of a run's config, or the whole range.
+/// Returns the frequency band of the plots, which is that of a run's config or the whole range.
 fn band(outcome: &Outcome) -> (f64, f64) {
     let given = outcome.runs.iter().find_map(|run| run.experiment.validation.band_hz);
     given.map_or((0.0, 0.5 * outcome.merged.model.sample_rate_hz), |[low, high]| (low, high))

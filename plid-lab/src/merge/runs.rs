@@ -14,9 +14,9 @@ pub(super) const RUNS: &str = "runs";
 /// The folder of the runs of a merge that is to replace a finished one.
 const NEW: &str = "runs.new";
 
-/// The folder for the runs of a merge in `directory`. A finished merge keeps its own runs until [`replace_runs`].
-/// `is_own` says that the finished merge is the same one, whose runs need not be repeated; with `resume` the runs that
-/// were to replace a finished merge are continued, and otherwise they are removed.
+/// Returns the folder for the runs of a merge in `directory`. A finished merge keeps its own runs until
+/// [`replace_runs`]. `is_own` states that the finished merge is the same one, whose runs need not be repeated. With
+/// `resume`, the runs that were to replace a finished merge are continued; otherwise they are removed.
 pub(super) fn folder(directory: &Path, is_own: bool, resume: bool) -> io::Result<PathBuf> {
     let new = directory.join(NEW);
     let replaces = directory.join(RESULT).exists() && !is_own;
@@ -26,13 +26,13 @@ pub(super) fn folder(directory: &Path, is_own: bool, resume: bool) -> io::Result
     Ok(if replaces { new } else { directory.join(RUNS) })
 }
 
-/// The folder of one run, which stays in the folder of runs whatever its input is called.
+/// Returns the folder of one run. It lies in the folder of the runs whatever the name of its input.
 pub(super) fn of_input(runs: &Path, input: &str) -> PathBuf {
     runs.join(file_name(input))
 }
 
-/// Puts new runs, if there are any, in the place of the old ones. The result of the old merge goes first, because it
-/// does not belong to the new runs.
+/// Replaces the old runs by new ones, if there are any. The result of the old merge is removed first, because it does
+/// not belong to the new runs.
 pub(super) fn replace_runs(directory: &Path) -> io::Result<()> {
     let (new, runs) = (directory.join(NEW), directory.join(RUNS));
     if !new.exists() {

@@ -64,7 +64,7 @@ pub(super) fn split(experiment: &Experiment, base: &Path) -> Result<Vec<(String,
     Ok(experiments)
 }
 
-/// Returns the truss with one active input, for its share of the time and with independent noise.
+/// Returns the truss with one active input, for its share of the duration and with independent noise.
 fn one_at_a_time(truss: &TrussConfig, place: usize, run: usize, runs: usize) -> Result<TrussConfig, RunError> {
     let mut truss = truss.clone();
     let samples = truss.samples()? / runs;

@@ -1,4 +1,4 @@
-//! The mathematics against linear least squares solved in another way.
+//! Tests of the mathematics against linear least squares that are solved in another way.
 
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -38,7 +38,7 @@ impl Random {
     }
 }
 
-/// The posterior by the textbook: P = (P0^-1 + H'H / r)^-1.
+/// Returns the textbook posterior, P = (P0^-1 + H'H / r)^-1.
 fn posterior(record: &Static, prior: &[f64]) -> Knowledge {
     let own: Vec<f64> = record.places.iter().map(|&place| prior[place]).collect();
     let mut information = record.rows.tr_mul(&record.rows) / record.noise.powi(2);
@@ -55,7 +55,7 @@ fn posterior(record: &Static, prior: &[f64]) -> Knowledge {
     }
 }
 
-/// All records together, as one batch of normal equations.
+/// Estimates from all records together, as one batch of normal equations.
 fn batch(records: &[Static], prior: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
     let size = prior.len();
     let mut information = DMatrix::from_diagonal(&DVector::from_fn(size, |k, _| 1.0 / prior[k]));
@@ -92,7 +92,7 @@ fn records(random: &mut Random, samples: &[usize], noise: &[f64]) -> Vec<Static>
     both.map(|(j, (&samples, &noise))| random.record(&truth, &places(j), samples, noise)).collect()
 }
 
-/// One run per record, merged, against all records together.
+/// Compares the merge of one run per record with the estimate from all records together.
 fn merges_to_the_batch_estimate(records: &[Static], prior: &[f64]) {
     let runs: Vec<Knowledge> = records.iter().map(|record| posterior(record, prior)).collect();
     let merged = combine(&runs, prior.len()).unwrap();
@@ -190,8 +190,8 @@ fn two_runs_of_one_input_share_its_column_too() {
     merges_to_the_batch_estimate(&records, &prior);
 }
 
-/// A run whose noise covariances are a hundred times too small would outweigh the others, but for the scale that its
-/// innovations show.
+/// A run whose noise covariances are a hundred times too small would outweigh the others. The scale that its
+/// innovations show prevents this.
 #[test]
 fn a_covariance_of_the_wrong_scale_is_put_right() {
     let records = records(&mut Random::new(5), &[40, 40], &[0.1, 0.4]);
@@ -213,8 +213,8 @@ fn a_covariance_of_the_wrong_scale_is_put_right() {
     close(&right.covariance, &covariance, 1e-10);
 }
 
-/// A direction that one run's data do not see: its covariance there is the prior's, and the other run's estimate is
-/// kept.
+/// The data of one run contain no information about one direction. The covariance of that run there is that of the
+/// prior, and the estimate of the other run is kept.
 #[test]
 fn what_one_run_cannot_see_the_others_tell() {
     let mut random = Random::new(6);
@@ -222,7 +222,7 @@ fn what_one_run_cannot_see_the_others_tell() {
     let mut truth = random.vector(prior.len());
     (truth[0], truth[1]) = (2.0, -1.0);
     let mut records: Vec<Static> = (0..2).map(|j| random.record(&truth, &places(j), 50, 1e-3)).collect();
-    // The first run sees parameters 0 and 1 only through their sum.
+    // The first run has information about parameters 0 and 1 only through their sum.
     let sum = records[0].rows.column(0) + records[0].rows.column(1);
     let seen = records[0].rows.columns(2, SHARED + OWN - 2)
         * DVector::from_fn(SHARED + OWN - 2, |k, _| truth[places(0)[k + 2]]);
@@ -290,8 +290,8 @@ fn what_is_no_covariance_is_refused_by_name() {
     }
 }
 
-/// Covariances over ten decades and nearly singular: the estimate is still that of double the digits, which the normal
-/// equations of the batch are not.
+/// The covariance spans ten decades and is nearly singular. The estimate still agrees with one of twice the number of
+/// digits, unlike that of the normal equations of the batch.
 #[test]
 fn nearly_singular_covariances_are_no_harm() {
     let mut random = Random::new(9);
@@ -300,7 +300,7 @@ fn nearly_singular_covariances_are_no_harm() {
     let truth = random.vector(SHARED);
     let runs: Vec<Knowledge> = (0..2)
         .map(|j| {
-            // P = U diag(1e-2 .. 1e-11) U', U orthogonal: known in every digit through its factors.
+            // P = U diag(1e-2 .. 1e-11) U', U orthogonal: known to every digit from its factors.
             let basis = DMatrix::from_fn(SHARED, SHARED, |_, _| random.normal()).qr().q();
             let shares = DVector::from_fn(SHARED, |k, _| 10f64.powf(-2.0 - 3.0 * k as f64));
             let noise = shares.map(|s| (s * (1.0 - s)).sqrt()).component_mul(&random.vector(SHARED));
@@ -322,7 +322,8 @@ fn nearly_singular_covariances_are_no_harm() {
     assert_eq!(consistency(&runs, SHARED).unwrap().agreement, Agreement::Agree);
 }
 
-/// The chi-square has its mean and its size under the hypothesis, with priors that matter and without.
+/// Under the null hypothesis, the chi-square has its expected mean and the test its stated size, both with and
+/// without priors that matter.
 #[test]
 fn the_test_keeps_its_size() {
     let (draws, mut ratio, mut rejected) = (400, 0.0, 0);
@@ -340,14 +341,14 @@ fn the_test_keeps_its_size() {
         ratio += test.overdispersion / draws as f64;
         rejected += usize::from(test.agreement != Agreement::Agree);
     }
-    // 400 draws of 12 correlated directions: about 0.03 of spread. At 1 % four are expected; the pooled reference of at
-    // least one makes it fewer.
+    // With 400 draws of 12 correlated directions, the spread is about 0.03. At 1 %, four rejections are expected;
+    // there are fewer, because the pooled reference is at least one.
     assert!((0.9..1.1).contains(&ratio), "{ratio}");
     assert!(rejected <= 10, "{rejected}");
 }
 
-/// One run of four has another plant; the common overdispersion of twenty, as a reduced order gives it, neither hides
-/// it nor accuses a valid run.
+/// One run of four is of another plant. A common overdispersion of twenty, such as a reduced order causes, neither
+/// hides this run nor leads to the rejection of a valid one.
 #[test]
 fn the_run_that_does_not_fit_is_named_and_only_that_one() {
     let overdispersed = 20f64;

@@ -103,13 +103,13 @@ fn score(candidates: &[Candidate<'_>], point: Point, may_go_on: &(dyn Fn() -> bo
         .zip(&learnt)
         .map(|(candidate, (model, estimate))| Piece { name: candidate.name, model, estimate })
         .collect();
-    // A setting whose P is no longer positive definite counts as one whose filter diverges.
+    // A setting whose P is no longer positive definite counts as a setting whose filter diverges.
     let Ok(merged) = join(&pieces) else { return Some(f64::INFINITY) };
     let errors: Vec<f64> = candidates.iter().map(|candidate| candidate.error(&merged)).collect();
     Some((errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt())
 }
 
-/// The reason why a filter gave no model.
+/// The reason why a filter did not give a model.
 enum Failed {
     Diverged,
     Interrupted,

@@ -23,8 +23,8 @@ pub(crate) struct Saved {
     pub(super) paused: Option<Paused>,
 }
 
-/// SHA-256 over the experiment as requested and the bytes of every file that it names (relative to `base`). A resumed
-/// run must have the same identity as the interrupted one.
+/// Returns SHA-256 over the experiment as requested and the bytes of every file that it names (relative to `base`). A
+/// resumed run must have the same identity as the interrupted one.
 pub(crate) fn identity(experiment: &Experiment, base: &Path) -> Result<String, RunError> {
     let mut parts = to_toml(experiment).into_bytes();
     for file in experiment.files() {
@@ -35,11 +35,11 @@ pub(crate) fn identity(experiment: &Experiment, base: &Path) -> Result<String, R
     Ok(sha256(parts))
 }
 
-/// Checks that a resumed run of `experiment` may write into `directory`. A checkpoint carries its own identity; without
-/// one there may be a finished run, which must be of the same experiment and of the same data.
+/// Checks that a resumed run of `experiment` may write into `directory`. A checkpoint contains its own identity.
+/// Without a checkpoint, there may be a finished run, which must be of the same experiment and the same data.
 ///
 /// # Errors
-/// [`RunError::Checkpoint`] if the directory holds a finished run of another experiment or of other data.
+/// Returns [`RunError::Checkpoint`] if the directory holds a finished run of another experiment or of other data.
 pub fn require_own(experiment: &Experiment, base: &Path, directory: &Path) -> Result<(), RunError> {
     let result = directory.join(RESULT);
     if directory.join(CHECKPOINT).exists() || !result.exists() || is_finished(directory, &identity(experiment, base)?) {
@@ -60,7 +60,8 @@ pub(crate) fn is_finished(directory: &Path, identity: &str) -> bool {
     directory.join(RESULT).exists() && [MANIFEST, RESULT].into_iter().any(|name| says(name) == Some(true))
 }
 
-/// Reads the checkpoint of a run of this identity in `directory`; without one the run starts from the beginning.
+/// Reads the checkpoint of a run of this identity in `directory`. Without a checkpoint, the run starts from the
+/// beginning.
 pub(crate) fn read(directory: &Path, identity: &str) -> Result<Saved, RunError> {
     let path = directory.join(CHECKPOINT);
     let bad = |reason: String| RunError::Checkpoint { path: path.clone(), reason };
@@ -82,7 +83,8 @@ pub(crate) fn write(directory: Option<&Path>, identity: &str, memory: Memory, pa
     save(directory, &Saved { experiment_sha256: identity.into(), memory, paused })
 }
 
-/// Writes what is to be continued. A state with a number that is not finite could not be read back, and is refused.
+/// Writes the state from which a run continues. A state with a number that is not finite could not be read back and
+/// is refused.
 fn save(directory: &Path, saved: &impl Serialize) -> RunError {
     let checkpoint = directory.join(CHECKPOINT);
     let text = match to_line(saved) {

@@ -17,16 +17,16 @@ pub struct Estimate {
     /// Prior variances of [a_1; ..; a_p; b_1; ..; b_m], independent and with zero mean, in the data's units like the
     /// covariance in model.json; `None` if the run started from an earlier model.
     pub prior_variances: Option<Vec<f64>>,
-    /// Mean square of the last innovations over their variance according to P and R at the end, averaged over the
-    /// outputs. It is 1 if the noise covariances have the right size; the covariance in model.json is too small by this
-    /// factor.
+    /// Mean square of the last innovations, divided by their variance according to P and R at the end and averaged
+    /// over the outputs. It is 1 if the noise covariances have the right size. The covariance in model.json is too
+    /// small by this factor.
     pub innovation_ratio: f64,
     /// Number of passes over the training data.
     pub passes: usize,
     /// Whether the recursion used forgetting or parameter noise.
     pub forgets: bool,
-    /// RMS of every column of the data about its mean, whether the run uses it or not, in the data's units; the largest
-    /// value over the records.
+    /// RMS of every column of the data about its mean, whether the run uses the column or not, in the data's units.
+    /// It is the largest value over the records.
     pub channel_rms: BTreeMap<String, f64>,
 }
 

@@ -125,7 +125,7 @@ pub fn carry_out(
         (Some(directory), true) => checkpoint::read(directory, &identity)?,
         _ => Saved::default(),
     };
-    // An interruption leaves what is known in a checkpoint.
+    // An interrupted run saves its progress in a checkpoint.
     let stopped = |error: RunError, memory: Memory| match error {
         RunError::Identify(IdentifyError::Interrupted) | RunError::Refine(RefineError::Interrupted) => {
             checkpoint::write(directory, &identity, memory, None)
@@ -296,8 +296,8 @@ impl Training<'_> {
     }
 }
 
-/// Runs the recursion of `plan`, or continues it. If the covariance form is open and is lost, Bierman UD takes its
-/// place in `plan` and a warning says so.
+/// Runs the recursion of `plan`, or continues it. If P is lost in a form that the experiment does not name, Bierman
+/// UD takes its place in `plan`, and a warning states this.
 fn recursion(
     plan: &mut Plan,
     form_is_open: bool,
@@ -335,13 +335,13 @@ fn noise_levels(plan: &Plan) -> (Vec<f64>, f64) {
     (sensor, (0..form.states()).map(|i| noise.state.at(i, i)).sum::<f64>() / form.states() as f64)
 }
 
-/// Whether the response of the true plant has the samples of the prepared data.
+/// Whether the response of the true plant and the prepared data have the same samples.
 fn is_comparable(truth: &Truth, prepared: &Prepared) -> bool {
     let same = truth.noise_free.nrows() == prepared.records[0].samples() + prepared.advanced;
     same && prepared.records.len() == 1 && prepared.start_s == 0.0
 }
 
-/// The data before and after preparation.
+/// Returns the data before and after preparation.
 fn data(experiment: &mut Experiment, base: &Path) -> Result<(Obtained, Prepared), RunError> {
     let mut obtained = obtain(experiment, base)?;
     let mut shares = vec![1.0; obtained.records.len()];
@@ -351,14 +351,14 @@ fn data(experiment: &mut Experiment, base: &Path) -> Result<(Obtained, Prepared)
     if experiment.preparation.repeats.as_ref().is_some_and(|r| r.period.is_none()) {
         shares.fill(experiment.validation.training_share);
     }
-    // A record may be most of the memory: it is copied only for noise that is measured on the data as they are.
+    // A record may occupy most of the memory. It is copied only if the noise is measured on the unprepared data.
     let is_measured = matches!(experiment.noise.from, NoiseSource::Converter | NoiseSource::ZeroInput);
     let records = if is_measured { obtained.records.clone() } else { std::mem::take(&mut obtained.records) };
     let prepared = prepare::prepare(records, &shares, &experiment.preparation)?;
     Ok((obtained, prepared))
 }
 
-/// The training parts of prepared records.
+/// Returns the training parts of prepared records.
 pub(crate) fn training(prepared: &Prepared) -> Vec<Samples<'_>> {
     let records = prepared.records.iter().zip(&prepared.training).filter(|(_, count)| **count > 0);
     let samples = records.map(|(record, &count)| {
@@ -368,8 +368,8 @@ pub(crate) fn training(prepared: &Prepared) -> Vec<Samples<'_>> {
     samples.collect()
 }
 
-/// The prepared data of an experiment and its bank of filters; `None` in its place if the experiment gives all of the
-/// noise.
+/// Returns the prepared data of an experiment and its bank of filters, or `None` in place of the bank if the
+/// experiment specifies all noise covariances.
 pub(crate) fn bank(experiment: &Experiment, base: &Path) -> Result<(Prepared, Option<Bank>), RunError> {
     let mut experiment = experiment.clone();
     let (obtained, prepared) = data(&mut experiment, base)?;
@@ -398,7 +398,7 @@ struct Actor<'a> {
 }
 
 impl Actor<'_> {
-    /// Settles structure, noise and covariance form. Warnings on the training data are added to `of_data`.
+    /// Determines structure, noise and covariance form. Warnings on the training data are added to `of_data`.
     fn settle(&self, search: &mut Search<'_>, of_data: &mut Vec<Warning>) -> Result<Settled, RunError> {
         let Self { experiment, prepared, samples, .. } = *self;
         let (p, m) = (prepared.records[0].outputs.ncols(), prepared.records[0].inputs.ncols());
@@ -443,7 +443,7 @@ impl Actor<'_> {
         })
     }
 
-    /// The canonical form with the given number of states or with the given indices.
+    /// Returns the canonical form with the given number of states or with the given indices.
     fn form(&self, states: Option<usize>, p: usize, m: usize) -> Result<ObservableForm, RunError> {
         let bad = |e: plid_core::StructureError| setting("structure", e);
         match (&self.experiment.structure.indices, states) {
@@ -456,7 +456,7 @@ impl Actor<'_> {
         }
     }
 
-    /// The canonical form: given, shared out, searched or scanned for.
+    /// Returns the canonical form, which is given, divided evenly among the outputs, or found by a search or a scan.
     fn structure(
         &self,
         p: usize,
@@ -493,7 +493,7 @@ impl Actor<'_> {
     }
 }
 
-/// The identified plant as a model of scaled channels and, where they are, advanced inputs.
+/// Returns the identified plant as a model of scaled channels, and of advanced inputs if preparation advanced them.
 pub(crate) fn scaled_model(identified: &IdentifiedModel, prepared: &Prepared) -> Result<Model, RunError> {
     let record = &prepared.records[0];
     let mut model = identified.to_model(record.sample_rate_hz)?;
@@ -502,7 +502,7 @@ pub(crate) fn scaled_model(identified: &IdentifiedModel, prepared: &Prepared) ->
     Ok(model)
 }
 
-/// Converts a model to the units of the data: in canonical form, and as it is handed over.
+/// Converts a model to the units of the data, and returns it in canonical form and in the form for the user.
 fn in_data_units(
     scaled: &Model,
     predictor: Option<&Predictor>,

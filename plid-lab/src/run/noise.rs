@@ -1,5 +1,5 @@
-//! The noise covariances of a run: given, measured, or left to the filter bank, and converted from the data's units to
-//! those of the recursion.
+//! The noise covariances of a run. They are given, measured, or left to the filter bank, and converted from the
+//! data's units to those of the recursion.
 
 use std::path::Path;
 
@@ -115,7 +115,7 @@ fn given(config: &NoiseConfig, form: &ObservableForm) -> Result<NoiseModel, RunE
     Ok(noise)
 }
 
-/// Returns the noise of a record with inputs at rest, whose channels and rate are those of `first`.
+/// Returns the noise of a record with inputs at rest, which must have the channels and the rate of `first`.
 fn at_rest(
     experiment: &Experiment,
     base: &Path,
@@ -134,7 +134,7 @@ fn at_rest(
 
 /// Returns the fraction of white noise power that decimation retains.
 fn retained_power(prepared: &Prepared) -> f64 {
-    // An anti-alias filter retains about the band that is left.
+    // An anti-alias filter retains approximately the remaining band.
     prepared
         .steps
         .iter()

@@ -34,8 +34,8 @@ pub struct Truth {
 }
 
 impl Truth {
-    /// Returns the plant with the chosen outputs, and with all inputs in another order. Each is given by its places and
-    /// the names of all.
+    /// Returns the plant with the chosen outputs, and with all inputs in another order. Outputs and inputs are each
+    /// given by their indices and the names of all channels.
     fn with_channels(
         self,
         (use_inputs, inputs): (&[usize], &[String]),
@@ -67,8 +67,8 @@ pub struct Obtained {
     pub truth: Option<Truth>,
     /// Warnings for the reader.
     pub warnings: Vec<String>,
-    /// RMS of every column of the data about its mean, whether the run uses it or not; the largest value over the
-    /// records.
+    /// RMS of every column of the data about its mean, whether the run uses the column or not. It is the largest
+    /// value over the records.
     pub channel_rms: BTreeMap<String, f64>,
 }
 
@@ -93,7 +93,7 @@ pub(crate) fn obtain(experiment: &mut Experiment, base: &Path) -> Result<Obtaine
 fn read(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
     let (mut records, mut sources, mut channel_rms) = (Vec::new(), Vec::new(), BTreeMap::new());
     let mut warnings: Vec<data::Warning> = Vec::new();
-    // One table is held at a time.
+    // Only one table is held in memory at a time.
     for file in &config.files {
         let table = data::read(&base.join(file), config.variable.as_deref())?;
         let (record, more) =
@@ -144,7 +144,7 @@ fn true_plant(simulation: &plid_testbed::Simulation) -> Result<Truth, RunError> 
     })
 }
 
-/// Returns the places of the channels wanted among all; of all channels if none is named.
+/// Returns the indices of the wanted channels among all channels, or those of all channels if none is named.
 fn choose(wanted: &[String], all: &[String], key: &'static str) -> Result<Vec<usize>, RunError> {
     let found = wanted.iter().map(|name| {
         let place = all.iter().position(|n| n == name);

@@ -21,14 +21,14 @@ use plid_model::{ModeDeviation, Model, mode_deviations};
 /// The file that is written last, so that its presence shows that the other files are complete.
 pub(crate) const RESULT: &str = "result.json";
 
-/// Describes a run, with every default filled in.
+/// The file that describes a run, with every default filled in.
 pub(crate) const MANIFEST: &str = "manifest.json";
 
 const REFINED: &str = "model-refined.json";
 const SUBSPACE: &str = "model-subspace.json";
 
-/// Writes all files of a run into `directory`. They replace those of an earlier run together, and its checkpoint is
-/// removed; if anything fails, the earlier run is as it was.
+/// Writes all files of a run into `directory`. Together they replace those of an earlier run, and its checkpoint is
+/// removed. If anything fails, the earlier run remains unchanged.
 ///
 /// # Errors
 /// Returns an error if a file cannot be written or a frequency response cannot be computed.
@@ -128,7 +128,7 @@ pub(crate) fn with<const N: usize>(mut object: Value, optional: [(&str, Option<V
     object
 }
 
-/// The noise is absent if the start was not refined.
+/// Returns the score of a start. The noise is absent if the start was not refined.
 fn score(score: &Score) -> Value {
     let noise = score.noise.map(|noise| json!(if noise == Noise::Coloured { "coloured" } else { "white" }));
     with(json!({ "start": score.start }), [("noise", noise), ("free_run", number(score.error))])
@@ -234,8 +234,9 @@ fn manifest(outcome: &Outcome, path: &Path) -> Result<Value, RunError> {
     }))
 }
 
-/// Returns the error measures. A figure that does not exist has no key: the relative error of an output that is zero
-/// throughout, the fit of a constant one, and every figure of a simulation that diverges, which `diverges` says.
+/// Returns the error measures. A figure that does not exist has no key. This applies to the relative error of an
+/// output that is zero throughout, to the fit of a constant output, and to every figure of a simulation that
+/// diverges, which `diverges` states.
 pub(crate) fn errors(errors: &Errors, outputs: &[String]) -> Value {
     let output = |(i, name): (usize, &String)| {
         let figures = [

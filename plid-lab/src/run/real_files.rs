@@ -3,7 +3,7 @@ use super::*;
 use crate::experiment::from_toml;
 use crate::real_file::real_file;
 
-/// Held-out free-run errors of PLID's model, the refined one and the subspace baseline.
+/// Returns the held-out free-run errors of the PLID model, the refined model and the subspace baseline.
 fn errors(file: &str, channels: &str, rest: &str) -> Option<[f64; 3]> {
     let path = real_file(file)?;
     let text = format!("[data]\nfiles = [{path:?}]\n{channels}[validation]\ntraining_share = 0.7\n{rest}");

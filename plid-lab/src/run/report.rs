@@ -192,8 +192,8 @@ fn advance_sentence(outcome: &Outcome) -> String {
     }
 }
 
-/// Returns the frequency band of the response plots: that of the config, or the band that holds 99.9 % of the inputs'
-/// power.
+/// Returns the frequency band of the response plots, which is that of the config or the band that contains 99.9 % of
+/// the power of the inputs.
 pub(super) fn band(outcome: &Outcome, rate: f64) -> (f64, f64) {
     if let Some([low, high]) = outcome.experiment.validation.band_hz {
         return (low, high);
@@ -261,7 +261,7 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
     Ok(frf_grid(inputs, &plots))
 }
 
-/// Returns how many outputs and inputs are plotted: the first ones.
+/// Returns the numbers of outputs and inputs that are plotted, which are the first ones.
 pub(super) fn drawn(outcome: &Outcome) -> (usize, usize) {
     (outcome.model.p().min(DRAWN), outcome.model.m().min(DRAWN))
 }
@@ -529,8 +529,8 @@ fn residuals(report: Report, outcome: &Outcome) -> Report {
         )
 }
 
-/// Keeps the correlations that chance would make least often, in their order, and returns a sentence that says so; none
-/// if all are kept.
+/// Keeps the correlations that are least likely to arise by chance, in their order, and returns a sentence that
+/// states this. The sentence is empty if all are kept.
 fn keep_least_likely(cross: &mut Vec<(String, &Correlation)>, most: usize) -> String {
     let all = cross.len();
     if all <= most {

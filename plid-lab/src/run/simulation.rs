@@ -139,7 +139,7 @@ fn training<'a>(records: &'a [Aligned<'_>]) -> Vec<Record<'a>> {
 
 /// Returns the models from which the refinement starts: an estimate from all samples at once, and the recursive one.
 /// The former comes first, because the latter is often far worse in free run. If the rate is `every` times as high as
-/// it need be, it is found at the lower rate.
+/// necessary, the estimate is made at the lower rate.
 ///
 /// # Errors
 /// Returns [`RefineError::Interrupted`] if the user interrupts the run.

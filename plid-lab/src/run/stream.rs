@@ -43,7 +43,7 @@ pub struct StreamedRun {
 }
 
 impl StreamedRun {
-    /// Says what was not held in memory.
+    /// Returns a sentence about the part that was not held in memory.
     pub(super) fn sentence(&self) -> String {
         let held_out = self.samples - self.training;
         format!(
@@ -139,7 +139,7 @@ pub(super) fn run(
     Ok(Ending::Done(Box::new(course.finish(vec![kept]))))
 }
 
-/// The error of a file that has lost samples since its first pass.
+/// Returns the error for a file that has lost samples since its first pass.
 fn shorter(found: usize, expected: usize) -> RunError {
     super::error::setting("stream", format!("the file changes: it had {expected} training samples, and now {found}"))
 }
@@ -179,7 +179,7 @@ pub(super) fn held_out(
         progress.advance(done, total);
     }
     if let Some(last) = parts.last_output() {
-        // The sample that the input advance drops.
+        // This is the sample that the input advance drops.
         let measured = Array1::from(last.to_vec()).insert_axis(Axis(0));
         for follower in [Some(&mut free_run), one_step.as_mut()].into_iter().flatten() {
             follower.follow(measured.view(), |model, x| {
@@ -215,8 +215,8 @@ impl<'a> Follower<'a> {
         Self { model, state: Some(state.clone()), scales, sums }
     }
 
-    /// Compares the outputs of a block with the response of the model, which `of` gives with the state after the block,
-    /// or `None` if the model diverges.
+    /// Compares the outputs of a block with the response of the model. `of` returns this response and the state after
+    /// the block, or `None` if the model diverges.
     fn follow(
         &mut self,
         measured: ArrayView2<'_, f64>,

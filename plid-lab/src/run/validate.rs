@@ -21,9 +21,9 @@ pub type Errors = ErrorMeasures;
 pub struct Validation {
     /// Number of training samples of the last record.
     pub training: usize,
-    /// Number of samples after them.
+    /// Number of samples after the training samples.
     pub held_out_samples: usize,
-    /// The first of these, at most 400, as reports draw them.
+    /// The first of these samples, at most 400, as reports draw them.
     pub shown: Shown,
     /// Innovations, one array per record; the held-out part of the last record is from the steady-state predictor.
     pub innovations: Vec<Array2<f64>>,
@@ -57,7 +57,7 @@ pub(super) fn validate(
     let last = prepared.records.len() - 1;
     let training = prepared.training[last];
     let scales = Array1::from(prepared.output_scales.clone());
-    // Long records are most of the memory: these arrays have scaled channels, and are changed in place.
+    // Long records occupy most of the memory, so these arrays of scaled channels are changed in place.
     let HeldOut { measured, free_run, predicted } = HeldOut::run(scaled, gain, state, prepared);
     let errors = |response: ArrayView2<'_, f64>| -> Result<Errors, RunError> {
         Ok(error_measures(measured.view(), response)?.in_units(&prepared.output_scales))
@@ -102,7 +102,7 @@ pub(super) fn validate(
     })
 }
 
-/// Number of held-out samples that are kept for reports. Long records are most of the memory of a run.
+/// Number of held-out samples that are kept for reports. Long records occupy most of the memory of a run.
 const SHOWN: usize = 400;
 
 /// The first samples of the held-out part of the last record, in the data's units (K x p).
@@ -130,9 +130,9 @@ fn shown(prepared: &Prepared, scaled: ArrayView2<'_, f64>) -> Array2<f64> {
 /// advanced.
 struct HeldOut<'a> {
     measured: CowArray<'a, f64, Ix2>,
-    /// Infinite if the model diverges.
+    /// The simulation; infinite if the model diverges.
     free_run: Array2<f64>,
-    /// `None` if there is no stable predictor.
+    /// The one-step prediction; `None` if there is no stable predictor.
     predicted: Option<Array2<f64>>,
 }
 
@@ -143,7 +143,8 @@ impl<'a> HeldOut<'a> {
         let x0 = DVector::from_column_slice(state);
         let inputs = record.inputs.slice(s![training.., ..]);
         let outputs = record.outputs.slice(s![training.., ..]);
-        // The sample that the input advance drops: measured, and as the model's state after the others gives it.
+        // The sample that the input advance drops, as measured and as the model gives it from the state after the
+        // other samples.
         let dropped = &prepared.last_outputs[last];
         let whole = |array: ArrayView2<'_, f64>, row: &[f64]| {
             concatenate![Axis(0), array, ArrayView1::from(row).insert_axis(Axis(0))]
@@ -188,8 +189,8 @@ struct ResidualTests {
 }
 
 impl ResidualTests {
-    /// Tests the residuals (K x p) for whiteness, and for correlation with the inputs; there is nothing to test without
-    /// residuals.
+    /// Tests the residuals (K x p) for whiteness, and for correlation with the inputs. Without residuals there is
+    /// nothing to test.
     fn of(experiment: &Experiment, prepared: &Prepared, residual: Option<ArrayView2<'_, f64>>) -> Self {
         let Some(residual) = residual else { return Self::default() };
         let last = prepared.records.len() - 1;

@@ -14,11 +14,11 @@ use super::point::{POINTS, Point, Row};
 use super::{report, table};
 use crate::run::{RunError, file_error, strict_json};
 
-/// Says which sweep a folder holds.
+/// The file that states which sweep a folder holds.
 const SWEEP: &str = "sweep.json";
 
-/// Runs the points of a sweep, or those of a shard, each in its own folder in `directory`, and returns their rows.
-/// With `resume`, finished points are kept and interrupted ones continue. A run that fails is a row with its error.
+/// Runs the points of a sweep or of a shard, each in its own folder in `directory`, and returns their rows. With
+/// `resume`, finished points are kept and interrupted ones continue. A run that fails is a row with its error.
 ///
 /// # Errors
 /// Returns [`RunError::Interrupted`], [`RunError::Sweep`] if the folder holds another sweep, or the error of a file.
@@ -30,7 +30,7 @@ pub fn carry_out(
     progress: &dyn Progress,
 ) -> Result<Vec<Row>, RunError> {
     let points = directory.join(POINTS);
-    // The folder comes first: it shows the other shards that the directory is ours.
+    // The folder is created first. It shows the other shards that the directory belongs to this sweep.
     fs::create_dir_all(&points).map_err(file_error(&points))?;
     claim(sweep, directory, resume)?;
     let own: Vec<usize> = (0..sweep.points()).filter(|&index| shard.is_none_or(|shard| shard.has(index))).collect();
@@ -71,11 +71,11 @@ pub fn write(sweep: &Sweep, rows: &[Row], directory: &Path) -> Result<(), RunErr
         write_atomic(&path, bytes).map_err(file_error(&path))
     };
     put("report.html", report::page(sweep, rows).to_html().as_bytes())?;
-    // The table comes last: where it is, everything is.
+    // The table is written last, so that its presence shows that all files exist.
     put("table.csv", &table::csv(sweep, rows))
 }
 
-/// Writes into the directory which sweep it holds. With `resume` another sweep is an error.
+/// Records in the directory which sweep it holds. With `resume`, another sweep is an error.
 fn claim(sweep: &Sweep, directory: &Path, resume: bool) -> Result<(), RunError> {
     let path = directory.join(SWEEP);
     let varied = sweep.varied.iter().map(|varied| json!({ "key": varied.key, "values": varied.values }));

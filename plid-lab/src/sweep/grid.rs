@@ -10,7 +10,7 @@ use toml::{Spanned, Table, Value};
 use crate::experiment::Experiment;
 use plid_data::config::{ConfigError, error_at, from_toml};
 
-/// The largest number of points, so that a slip of the pen does not fill a disk.
+/// Largest number of points, so that a typing error does not fill a disk.
 const MOST: usize = 1_000_000;
 
 /// A grid of experiments.
@@ -18,7 +18,7 @@ const MOST: usize = 1_000_000;
 pub struct Sweep {
     /// The name of the file without its extension.
     pub name: String,
-    /// The experiment of which keys are varied, as it is written.
+    /// The experiment whose keys are varied, as it is written in its file.
     pub base: Table,
     /// The folder to which the paths in the experiment are relative.
     pub folder: PathBuf,
@@ -37,7 +37,7 @@ pub struct Varied {
     place: Range<usize>,
 }
 
-/// The file as it is written.
+/// The contents of the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -56,7 +56,7 @@ impl Sweep {
         let file: File = from_toml(&text, &name)?;
         let experiment = path.parent().unwrap_or(Path::new("")).join(&file.experiment);
         let (base, of_base) = (contents(&experiment)?, experiment.display().to_string());
-        // What is wrong with the experiment alone is said with its own line.
+        // An error in the experiment itself is reported with its own line.
         from_toml::<Experiment>(&base, &of_base)?;
         let sweep = Self {
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
@@ -72,7 +72,7 @@ impl Sweep {
         }
     }
 
-    /// The number of points.
+    /// Returns the number of points.
     pub fn points(&self) -> usize {
         self.count().expect("checked when the sweep was read")
     }
@@ -81,7 +81,7 @@ impl Sweep {
         self.varied.iter().try_fold(1_usize, |count, varied| count.checked_mul(varied.values.len()))
     }
 
-    /// The values of the varied keys at a point, by its index from 0. The last key changes from point to point.
+    /// Returns the values of the varied keys at a point, by its index from 0. The last key varies fastest.
     pub fn values(&self, index: usize) -> Vec<&Value> {
         let mut rest = index;
         let pick = |varied: &'_ Varied| {
@@ -94,12 +94,12 @@ impl Sweep {
         self.varied.iter().zip(digits).map(|(varied, digit)| &varied.values[digit]).collect()
     }
 
-    /// The experiment of a point.
+    /// Returns the experiment of a point.
     pub fn experiment(&self, index: usize) -> Experiment {
         self.with(index, self.varied.len()).expect("checked when the sweep was read")
     }
 
-    /// The experiment with the first `count` varied keys set to the values of a point.
+    /// Returns the experiment with the first `count` varied keys set to the values of a point.
     fn with(&self, index: usize, count: usize) -> Result<Experiment, String> {
         let mut table = self.base.clone();
         for (varied, value) in self.varied.iter().zip(self.values(index)).take(count) {
@@ -108,7 +108,7 @@ impl Sweep {
         table.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
     }
 
-    /// A key that makes the sweep impossible, and why.
+    /// Returns a key that makes the sweep impossible, and the reason.
     fn problem(&self) -> Option<(&Varied, String)> {
         for (number, varied) in self.varied.iter().enumerate() {
             let within =
@@ -122,7 +122,7 @@ impl Sweep {
             return Some((self.varied.last()?, format!("the grid has more than {MOST} points")));
         }
         let index = (0..self.points()).find(|&index| self.with(index, self.varied.len()).is_err())?;
-        // The key with which the trouble begins.
+        // The first key with which the experiment becomes invalid.
         (1..=self.varied.len()).find_map(|count| Some((&self.varied[count - 1], self.with(index, count).err()?)))
     }
 }
@@ -131,7 +131,7 @@ fn contents(path: &Path) -> Result<String, ConfigError> {
     std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.into(), source })
 }
 
-/// Sets a dotted key, and makes the tables on its way.
+/// Sets a dotted key, and creates the tables that lead to it.
 fn set(table: &mut Table, key: &str, value: Value) -> Result<(), String> {
     let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
     let Some(rest) = rest else {
@@ -144,7 +144,7 @@ fn set(table: &mut Table, key: &str, value: Value) -> Result<(), String> {
     }
 }
 
-/// The keys of `[vary]` with their values, in the order of the file.
+/// Returns the keys of `[vary]` with their values, in the order of the file.
 fn varied(text: &str, name: &str) -> Result<Vec<Varied>, ConfigError> {
     let document = DeTable::parse(text).expect("the text was parsed before");
     let (_, vary) = document.get_ref().iter().find(|(key, _)| key.get_ref() == "vary").expect("required by the file");
@@ -222,7 +222,7 @@ mod tests {
             let experiment = sweep.experiment(2);
             assert_eq!((experiment.structure.states, experiment.name.as_str()), (Some(4), "b"));
         }
-        // Lists are values, too.
+        // A list can be a value, too.
         let sweep = read(BASE, "[vary]\nstructure.indices = [[2], [4]]").unwrap();
         assert_eq!(sweep.points(), 2);
     }

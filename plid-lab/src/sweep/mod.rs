@@ -1,4 +1,4 @@
-//! A sweep: one experiment over a grid of values of its keys, one run in a separate folder for each point.
+//! A sweep is one experiment over a grid of values of its keys, with one run in a separate folder for each point.
 //!
 //! [`Sweep::read`] reads the grid, [`carry_out`] runs the points of a shard or all of them, [`read`] takes the rows of
 //! the table from the folders of finished points, and [`write()`] writes the table and the report.

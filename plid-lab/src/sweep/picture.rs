@@ -1,18 +1,18 @@
-//! The picture of a sweep: errors over the first key that has numbers, with a curve for each setting of the others.
+//! The plot of a sweep: errors against the first key that has numbers, with a curve for each setting of the others.
 
 use super::grid::Sweep;
 use super::point::Row;
 use super::table::{self, MODELS};
 use plid_report::{Axis, Chart, Series, charts};
 
-/// More curves than this in one picture cannot be distinguished, and are drawn as points of one kind.
+/// Largest number of curves in one plot. More curves cannot be distinguished, and are drawn as points of one kind.
 const MOST_CURVES: usize = 8;
 
-/// An axis over more than this factor is logarithmic.
+/// An axis that spans more than this factor is logarithmic.
 const WIDE: f64 = 50.0;
 
-/// Draws the free-run errors of each model as SVG. Without a key that has several numbers they are drawn over the
-/// number of the point. `None` if no run has such an error.
+/// Draws the free-run errors of each model as SVG. If no key has several numbers, they are drawn against the number
+/// of the point. Returns `None` if no run has such an error.
 pub(super) fn picture(sweep: &Sweep, rows: &[Row]) -> Option<String> {
     let along = abscissa(sweep, rows);
     let x = |row: &Row| along.map_or(&row.number, |key| &row.values[key]).parse().unwrap_or(f64::NAN);
@@ -32,7 +32,7 @@ pub(super) fn picture(sweep: &Sweep, rows: &[Row]) -> Option<String> {
     (!panels.is_empty()).then(|| charts(&panels))
 }
 
-/// The position of the first key with several values, all of which are numbers.
+/// Returns the position of the first key with several values, all of which are numbers.
 fn abscissa(sweep: &Sweep, rows: &[Row]) -> Option<usize> {
     (0..sweep.varied.len()).find(|&key| {
         let is_number = |row: &Row| row.values[key].parse::<f64>().is_ok();
@@ -40,20 +40,21 @@ fn abscissa(sweep: &Sweep, rows: &[Row]) -> Option<usize> {
     })
 }
 
-/// An axis over these values.
+/// Returns an axis for these values.
 fn axis(label: &str, values: &[f64]) -> Axis {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)));
     let axis = if low > 0.0 && high > WIDE * low { Axis::log(label) } else { Axis::linear(label) };
     if low < high { axis.range(low, high) } else { axis }
 }
 
-/// The setting of all keys but the one along the axis.
+/// Returns the setting of all keys except the one along the axis.
 fn others(sweep: &Sweep, along: Option<usize>, row: &Row) -> String {
     let keys = sweep.varied.iter().zip(&row.values).enumerate().filter(|(key, _)| Some(*key) != along);
     keys.map(|(_, (varied, value))| format!("{} = {value}", varied.key)).collect::<Vec<_>>().join(", ")
 }
 
-/// A curve for each setting, or points where there are too many or where no axis orders them.
+/// Returns a curve for each setting. It returns points if there are too many settings, or if no axis orders the
+/// values.
 fn series(points: impl Iterator<Item = (String, (f64, f64))>, is_ordered: bool) -> Vec<Series> {
     let mut curves: Vec<(String, Vec<(f64, f64)>)> = Vec::new();
     for (setting, point) in points {

@@ -17,19 +17,19 @@ use crate::run::{self, RESULT, RunError, file_error, identity, is_finished, requ
 /// The folder of the points in the folder of a sweep.
 pub const POINTS: &str = "points";
 
-/// Holds the reason for a point without a result.
+/// The file that holds the reason why a point has no result.
 const ERROR: &str = "error.txt";
 
 /// The row of a point in the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// The number of the point, from 1, as its folder is called.
+    /// The number of the point from 1, which is also the name of its folder.
     pub number: String,
     /// The values of the varied keys.
     pub values: Vec<String>,
-    /// The figures of the run, in the order of the table; `None` for one that it does not have.
+    /// The figures of the run, in the order of the table; `None` for a figure that the run does not have.
     pub figures: Vec<Option<Value>>,
-    /// Why there are no figures.
+    /// The reason why there are no figures.
     pub error: Option<String>,
 }
 
@@ -44,7 +44,7 @@ pub(super) struct Point<'a> {
 }
 
 impl<'a> Point<'a> {
-    /// The point with this index, from 0, of a sweep in `directory`.
+    /// Creates the point with this index, from 0, of a sweep in `directory`.
     pub fn new(sweep: &'a Sweep, index: usize, directory: &Path) -> Self {
         let width = sweep.points().to_string().len();
         let number = format!("{:0width$}", index + 1);
@@ -58,8 +58,8 @@ impl<'a> Point<'a> {
         }
     }
 
-    /// Runs the point, unless `resume` finds its finished run. The error of a run is not an error of the sweep; it is
-    /// kept in the point's folder, and the run is tried again by the next command that resumes the sweep.
+    /// Runs the point, unless `resume` finds its finished run. The error of a run is not an error of the sweep. It is
+    /// stored in the folder of the point, and the next command that resumes the sweep repeats the run.
     pub fn run(&self, resume: bool, progress: &dyn Progress) -> Result<(), RunError> {
         let error = self.folder.join(ERROR);
         if resume && !error.exists() {
@@ -95,8 +95,8 @@ impl<'a> Point<'a> {
         run::write(&run::carry_out(experiment, base, Some(folder), resume, progress)?, folder)
     }
 
-    /// Whether the sweep must stop: the user asked for it, the folder belongs to something else, or it cannot be
-    /// written to.
+    /// Whether the sweep must stop, because the user requested it, or because the folder belongs to something else or
+    /// cannot be written to.
     fn is_no_fault_of_its_own(&self, error: &RunError) -> bool {
         match error {
             RunError::Interrupted { .. } | RunError::Checkpoint { .. } => true,
@@ -109,7 +109,7 @@ impl<'a> Point<'a> {
         identity(&self.experiment, self.base).is_ok_and(|identity| is_finished(&self.folder, &identity))
     }
 
-    /// Reads the row of the point; `None` if it has not been run to its end.
+    /// Reads the row of the point; returns `None` if its run is not finished.
     pub fn row(self) -> Result<Option<Row>, RunError> {
         let error = match fs::read_to_string(self.folder.join(ERROR)) {
             Ok(reason) => Some(reason.trim_end().to_owned()),

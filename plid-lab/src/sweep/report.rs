@@ -38,7 +38,7 @@ pub(super) fn page(sweep: &Sweep, rows: &[Row]) -> Report {
     report.provenance("program", format!("plid {}", env!("CARGO_PKG_VERSION")))
 }
 
-/// The row with the smallest value of a figure, the first of several.
+/// Returns the row with the smallest value of a figure; of several, the first.
 fn best<'a>(rows: &'a [Row], name: &str) -> Option<(&'a Row, f64)> {
     rows.iter().filter_map(|row| Some((row, table::number(row, name)?))).min_by(|a, b| a.1.total_cmp(&b.1))
 }

@@ -1,4 +1,4 @@
-//! The table of a sweep: the varied keys, the figures of each run, and the error of a point without figures.
+//! The table of a sweep, with the varied keys, the figures of each run, and the error of a point without figures.
 
 use serde_json::Value;
 
@@ -7,14 +7,15 @@ use super::point::Row;
 
 /// A figure of a run.
 pub(super) struct Figure {
-    /// The column.
+    /// The name of the column.
     pub name: &'static str,
-    /// Where result.json has it, as JSON pointers: in that of a run, and in that of merged runs where it differs.
+    /// The location of the figure in the result.json of a run as a JSON pointer, and that in the result.json of
+    /// merged runs if it differs.
     places: &'static [&'static str],
 }
 
 impl Figure {
-    /// The figure from a result.json. Of a list it is the number of items.
+    /// Returns the figure from a result.json. For a list, it is the number of items.
     pub fn of(&self, result: &Value) -> Option<Value> {
         let value = self.places.iter().find_map(|place| result.pointer(place))?;
         Some(value.as_array().map_or_else(|| value.clone(), |list| list.len().into()))
@@ -31,7 +32,7 @@ const REFINED: &str = "refined_free_run_relative";
 /// The models whose errors are drawn: the column of the free-run error, and the name of the model.
 pub(super) const MODELS: [(&str, &str); 2] = [(FREE_RUN, "recursive"), (REFINED, "refined")];
 
-/// The figures of a run. Errors are those on held-out data, RMS over RMS of the output, of all outputs together.
+/// The figures of a run. Errors are those on held-out data, as RMS over RMS of the output, for all outputs together.
 pub(super) const FIGURES: [Figure; 10] = [
     figure("states", &["/states"]),
     figure("training_samples", &["/training_samples"]),
@@ -51,20 +52,20 @@ pub(super) const FIGURES: [Figure; 10] = [
     figure("warnings", &["/warnings"]),
 ];
 
-/// A figure of a row as a number.
+/// Returns a figure of a row as a number.
 pub(super) fn number(row: &Row, name: &str) -> Option<f64> {
     let column = FIGURES.iter().position(|figure| figure.name == name)?;
     row.figures[column].as_ref().and_then(Value::as_f64)
 }
 
-/// The names of the columns.
+/// Returns the names of the columns.
 pub(super) fn header(sweep: &Sweep) -> Vec<&str> {
     let keys = sweep.varied.iter().map(|varied| varied.key.as_str());
     let figures = FIGURES.iter().map(|figure| figure.name);
     std::iter::once("point").chain(keys).chain(figures).chain(["error"]).collect()
 }
 
-/// The cells of a row as text; a figure that the run does not have is empty.
+/// Returns the cells of a row as text. A figure that the run does not have is empty.
 pub(super) fn cells(row: &Row) -> Vec<String> {
     let text = |figure: &Option<Value>| match figure {
         Some(Value::String(word)) => word.clone(),
@@ -76,7 +77,7 @@ pub(super) fn cells(row: &Row) -> Vec<String> {
     std::iter::once(row.number.clone()).chain(row.values.iter().cloned()).chain(figures).chain([error]).collect()
 }
 
-/// The table as CSV.
+/// Returns the table as CSV.
 pub(super) fn csv(sweep: &Sweep, rows: &[Row]) -> Vec<u8> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     let lines = rows.iter().map(cells);

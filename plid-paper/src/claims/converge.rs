@@ -44,12 +44,12 @@ struct Point {
     nees: f64,
 }
 
-/// Pairs of record length and a figure of each point.
+/// Returns pairs of record length and a figure of each point.
 fn against(samples: &[usize], line: &[Point], of: fn(&Point) -> f64) -> Vec<(f64, f64)> {
     samples.iter().zip(line).map(|(&samples, point)| (samples as f64, of(point))).collect()
 }
 
-/// How the errors of one method fall with the record length.
+/// The decrease of the errors of one method with the record length.
 struct Trend<'a> {
     name: &'static str,
     line: &'a [Point],
@@ -62,7 +62,7 @@ struct Trend<'a> {
 
 impl<'a> Trend<'a> {
     fn of(name: &'static str, samples: &[usize], line: &'a [Point]) -> Result<Self> {
-        // The first half of the lengths depends on the start.
+        // The results for the first half of the lengths depend on the start.
         let late = line.len() / 2 - 1;
         let slope = |of: fn(&Point) -> f64| slope(&against(samples, line, of)[late..]);
         let last = line.last().ok_or("no samples")?;
@@ -83,7 +83,8 @@ impl<'a> Trend<'a> {
             .figure(format!("NEES at the end, {name}"), self.last.nees, "")
     }
 
-    /// The row of the table: name, slope, NEES and RMS error at the end, then the free-run error at every length.
+    /// Returns the row of the table with name, slope, NEES and RMS error at the end, followed by the free-run error
+    /// at every length.
     fn cells(&self) -> Vec<String> {
         let start = [
             self.name.to_string(),
@@ -118,7 +119,7 @@ fn study(context: &Context<'_>, config: &Config, vary: &Vary) -> Result<Vec<Vec<
     Ok(lines)
 }
 
-/// One figure of every method against the record length.
+/// Plots one figure of every method against the record length.
 fn picture(label: &str, samples: &[usize], lines: &[Vec<Point>], of: fn(&Point) -> f64) -> String {
     let series = NAMES.iter().zip(lines).map(|(name, line)| Series::line(*name, against(samples, line, of))).collect();
     chart(&Chart { title: String::new(), x: Axis::log("samples"), y: Axis::log(label), series, height: 230.0 })

@@ -29,7 +29,7 @@ fn decibel(ratio: f64) -> f64 {
     20.0 * ratio.log10()
 }
 
-/// Ratio of signal to error in dB.
+/// Ratios of signal to error in dB.
 struct Row {
     name: &'static str,
     rms_v: f64,
@@ -62,7 +62,8 @@ fn row(name: &'static str, outcome: &Outcome, range_v: f64) -> Row {
     }
 }
 
-/// Number of times that the level is rescaled; the command converter clips, so the outputs are not proportional to it.
+/// Number of times that the level is rescaled. The command converter clips, so the outputs are not proportional to
+/// the level.
 const TRIES: usize = 12;
 
 /// Finds the level of all inputs at which the noise-free outputs have the required RMS.
@@ -76,9 +77,10 @@ fn levelled(truss: &TrussConfig, output_rms_v: f64, input: impl Fn([f64; 3]) -> 
     Ok(config)
 }
 
-/// The highest ratio of signal to error, in dB, for a Gaussian signal that is clipped at `c` standard deviations.
+/// Returns the highest ratio of signal to error in dB for a Gaussian signal that is clipped at `c` standard
+/// deviations.
 fn clipping_cap(c: f64) -> f64 {
-    // Power beyond c standard deviations of a Gaussian, less what the clipped value keeps: 2 ((1 + c^2) Q(c) - c
+    // The power of the clipped part of a Gaussian signal beyond c standard deviations is 2 ((1 + c^2) Q(c) - c
     // phi(c)).
     let lost = 2.0
         * (0..60_000).map(|i| f64::from(i) * 1e-4).map(|x| x * x * (-(c + x).powi(2) / 2.0).exp() * 1e-4).sum::<f64>()
@@ -86,7 +88,8 @@ fn clipping_cap(c: f64) -> f64 {
     decibel(lost.powf(-0.5))
 }
 
-/// The peak and the seed of the multisine, among those of the seeds up to `phases`, whose outputs have the lowest peak.
+/// Returns the peak and the seed of the multisine whose outputs have the lowest peak, among those of the seeds up to
+/// `phases`.
 fn quietest(truss: &TrussConfig, sines: impl Fn([f64; 3]) -> InputConfig, phases: u64) -> Result<(f64, u64)> {
     let mut lowest: Option<(f64, u64)> = None;
     for seed in 1..=phases {
@@ -100,17 +103,18 @@ fn quietest(truss: &TrussConfig, sines: impl Fn([f64; 3]) -> InputConfig, phases
     Ok(lowest.ok_or("no phases")?)
 }
 
-/// The three runs of the claim with their names.
+/// Returns the three runs of the claim with their names.
 fn runs(truss: &TrussConfig, vary: &Vary) -> Result<[(&'static str, TrussConfig); 3]> {
     let InputConfig::WhiteNoise(noise) = &truss.input else { return Err("46db.toml: the input is white noise".into()) };
     let cutoff_hz = noise.cutoff_hz;
     let white = |level_rms_v| InputConfig::WhiteNoise(WhiteNoise { level_rms_v, cutoff_hz });
-    // 1 kHz anti-alias filters and modes up to 243 Hz: the lines lie where the structure answers.
+    // With anti-alias filters of 1 kHz and modes up to 243 Hz, the lines lie in the band in which the structure
+    // responds.
     let sines =
         |level_rms_v| InputConfig::Multisine(Multisine { level_rms_v, period_samples: 2048, band_hz: [120.0, 260.0] });
     let gaussian = levelled(truss, vary.output_rms_v, white)?;
     let (peak, seed) = quietest(truss, sines, vary.phases)?;
-    // As loud as leaves 0.1 V for the noise. The plant is linear, and commands of this level are not clipped.
+    // The level leaves 0.1 V for the noise. The plant is linear, and commands of this level are not clipped.
     let level = (truss.converters.range_v - 0.1) / peak;
     let multisine = TrussConfig { seed, input: sines([level; 3]), ..truss.clone() };
     let mut unclipped = truss.clone();

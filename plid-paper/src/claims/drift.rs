@@ -26,7 +26,7 @@ pub const CLAIM: Claim = claim!("drift",
 struct Vary {
     duration_s: f64,
     drift_per_s: f64,
-    /// The end of the record, on which models are judged, and the part before it from which the plant is identified
+    /// The end of the record, on which models are judged, and the preceding part, from which the plant is identified
     /// again.
     check_s: f64,
     recent_s: f64,
@@ -36,7 +36,8 @@ struct Vary {
     seeds: u64,
 }
 
-/// The parameters of an earlier run with an increased covariance; nothing is known of the state.
+/// Returns a start from the parameters of an earlier run with an increased covariance. Nothing is known about the
+/// state.
 fn from_last(form: &ObservableForm, former: &Course, widen: f64) -> Settings {
     let (n, size) = (form.states(), form.joint_states());
     let known = &former.identified.covariance;
@@ -54,14 +55,14 @@ fn from_last(form: &ObservableForm, former: &Course, widen: f64) -> Settings {
     }
 }
 
-/// Free-run error over a record in per cent, with a fitted initial state.
+/// Returns the free-run error over a record in per cent, with a fitted initial state.
 fn free_run(model: &Model, (inputs, outputs): Pair<'_>) -> Result<f64> {
     let start = estimate_initial_state(model, inputs, outputs, None)?;
     let simulated = simulate(model, inputs, &start.state)?;
     Ok(100.0 * error_measures(outputs, simulated.outputs.view())?.overall_relative)
 }
 
-/// The errors of all methods on one record, in the order of their names.
+/// Returns the errors of all methods on one record, in the order of their names.
 fn ways(experiment: &Experiment, vary: &Vary, noise: &plid_core::NoiseModel) -> Result<Vec<f64>> {
     let mut experiment = experiment.clone();
     let states = experiment.structure.states.unwrap_or(30);
@@ -95,7 +96,7 @@ fn ways(experiment: &Experiment, vary: &Vary, noise: &plid_core::NoiseModel) -> 
     Ok(errors)
 }
 
-/// The names of the methods, in the order of their errors.
+/// Returns the names of the methods, in the order of their errors.
 fn names(vary: &Vary) -> Vec<String> {
     ["one run, ended before the last stretch", "one run over all", "anew from the last stretch alone"]
         .into_iter()
@@ -105,7 +106,7 @@ fn names(vary: &Vary) -> Vec<String> {
         .collect()
 }
 
-/// The errors of all methods, in the order of their names: medians over the seeds.
+/// Returns the medians over the seeds of the errors of all methods, in the order of their names.
 fn medians(experiment: &Experiment, vary: &Vary, noise: &plid_core::NoiseModel) -> Result<Vec<f64>> {
     let states = experiment.structure.states.unwrap_or(30);
     let runs = (1..=vary.seeds).into_par_iter().map(|seed| ways(&with_seed(experiment, states, seed), vary, noise));
@@ -119,7 +120,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     truss_of(&mut still).effects = EffectsConfig::default();
     let mut drifting = base.clone();
     truss_of(&mut drifting).effects.stiffness_drift_per_s = vary.drift_per_s;
-    // The covariances of the plant as it is when it does not drift.
+    // These are the noise covariances of the plant without drift.
     let noise = noise_of(&context.identify(&crate::truss::with_samples(&still, vary.tune_samples))?);
     let names = names(&vary);
     let (quiet, moved) = (medians(&still, &vary, &noise)?, medians(&drifting, &vary, &noise)?);

@@ -26,12 +26,12 @@ struct Vary {
     seeds: u64,
 }
 
-/// The price and the error of one number of states.
+/// The cost and the error for one number of states.
 struct Point {
     states: usize,
-    /// Duration of an iteration, µs.
+    /// Duration of an iteration in µs.
     micros: f64,
-    /// Mean absolute one-step error over the seeds with its standard error, mV.
+    /// Mean absolute one-step error over the seeds with its standard error in mV.
     error: f64,
     standard_error: f64,
 }
@@ -50,7 +50,7 @@ fn measure(truss: &mut TrussConfig, vary: &Vary) -> Result<Vec<Point>> {
             let done = course(record, simulation.sample_rate_hz, &start, &noise, vary.samples)?;
             let last = done.innovations.slice(s![vary.samples - 200.., ..]);
             errors.push(1e3 * last.iter().map(|e| e.abs()).sum::<f64>() / last.len() as f64);
-            // Whatever else the machine does only adds to the time.
+            // Other work of the machine can only increase the time.
             micros = micros.min(1e6 * done.seconds / vary.samples as f64);
         }
         let (error, spread) = mean_and_spread(&errors);

@@ -37,12 +37,12 @@ fn measure(experiment: &mut Experiment, vary: &Vary) -> Result<WelchFrf> {
     Ok(welch_frf(input.view(), simulation.outputs[0].view(), &options)?)
 }
 
-/// The level of a measured line, dB.
+/// Returns the level of a measured line in dB.
 fn level(measured: &WelchFrf, k: usize) -> f64 {
     20.0 * measured.response[[k, SENSOR, 0]].norm().log10()
 }
 
-/// The highest measured line between two frequencies in Hz.
+/// Returns the highest measured line between two frequencies in Hz.
 fn highest(measured: &WelchFrf, low: f64, high: f64) -> usize {
     let inside = (0..measured.frequency_hz.len()).filter(|&k| (low..=high).contains(&measured.frequency_hz[k]));
     inside.max_by(|&a, &b| level(measured, a).total_cmp(&level(measured, b))).expect("there are lines in the band")
@@ -51,9 +51,9 @@ fn highest(measured: &WelchFrf, low: f64, high: f64) -> usize {
 /// The measured peaks of the five modes compared with the true ones.
 struct Peaks {
     rows: Vec<Vec<String>>,
-    /// The largest distance in frequency, Hz.
+    /// The largest distance in frequency in Hz.
     worst_hz: f64,
-    /// The largest error of a height, dB.
+    /// The largest error of a height in dB.
     worst_db: f64,
 }
 

@@ -28,7 +28,7 @@ const ORDER: i32 = 6;
 const CORNER_HZ: f64 = 200.0;
 const SEGMENT: usize = 512;
 
-/// Densities of white noise, V²/Hz.
+/// Densities of white noise in V²/Hz.
 struct Floors {
     amplifier: f64,
     rounding: f64,
@@ -36,7 +36,7 @@ struct Floors {
 
 impl Floors {
     fn of(truss: &TrussConfig) -> Self {
-        // White noise of a given RMS, spread over all frequencies up to half the rate.
+        // The density of white noise of a given RMS that extends over all frequencies up to half the rate.
         let white = |rms_v: f64| rms_v * rms_v / (truss.sample_rate_hz / 2.0);
         let amplifier = white(truss.noise.amplifier_rms_v);
         let rounding = white(truss.converters.step_v / 12.0_f64.sqrt());
@@ -44,10 +44,10 @@ impl Floors {
     }
 }
 
-/// The paper's filter: its density in V²/Hz for white noise of density `level` at its input.
+/// The density in V²/Hz at the output of the paper's filter for white noise of density `level` at its input.
 struct Butterworth {
     level: f64,
-    /// Sample rate, Hz.
+    /// Sample rate in Hz.
     rate: f64,
 }
 
@@ -56,7 +56,8 @@ impl Butterworth {
         self.level / (1.0 + x.powi(2 * ORDER))
     }
 
-    /// The program's filter is the bilinear transform, which steepens towards half the rate.
+    /// Returns the density of the program's filter. It is the bilinear transform of the paper's filter, which is
+    /// steeper towards half the rate.
     fn sampled(&self, hz: f64) -> f64 {
         let warped =
             (std::f64::consts::PI * hz / self.rate).tan() / (std::f64::consts::PI * CORNER_HZ / self.rate).tan();
@@ -68,13 +69,13 @@ impl Butterworth {
     }
 }
 
-/// Frequencies from 20 Hz to 800 Hz.
+/// Returns frequencies from 20 Hz to 800 Hz.
 fn grid() -> impl Iterator<Item = f64> {
     (200..8000).map(|i| f64::from(i) / 10.0)
 }
 
 fn density_chart(density: Vec<(f64, f64)>, filter: &Butterworth, floors: &Floors) -> String {
-    // What is far below both floors is not drawn.
+    // Densities far below both floors are not drawn.
     let shown = |density: f64| if density > 1e-2 * floors.rounding { density } else { f64::NAN };
     let line = |of: &dyn Fn(f64) -> f64| grid().map(|hz| (hz, shown(of(hz)))).collect();
     chart(&Chart {
@@ -93,7 +94,7 @@ fn density_chart(density: Vec<(f64, f64)>, filter: &Butterworth, floors: &Floors
     })
 }
 
-/// The first half second of the command (K x 1), V.
+/// Plots the first half second of the command (K x 1) in V.
 fn time_chart(command: &Array2<f64>, rate: f64) -> String {
     chart(&Chart {
         title: String::new(),

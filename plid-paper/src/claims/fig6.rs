@@ -1,4 +1,4 @@
-//! Fig. 6: how the recursion converges, without averages and with ten.
+//! Fig. 6: the convergence of the recursion, without averages and with ten.
 
 use ndarray::{Array2, s};
 use plid_core::NoiseModel;
@@ -31,17 +31,17 @@ struct Vary {
     until: usize,
 }
 
-/// Duration at the end, in s, over which the final level is taken.
+/// Duration in s at the end over which the final level is computed.
 const END_S: f64 = 1.0;
 
-/// One run: the largest |e| of every training sample, V.
+/// Carries out one run and returns the largest |e| of every training sample in V.
 fn errors(context: &Context<'_>, experiment: &Experiment) -> Result<Array2<f64>> {
     let outcome = context.identify(experiment)?;
     let learnt = outcome.validation.training;
     Ok(outcome.validation.innovations[0].slice(s![..learnt, ..]).to_owned())
 }
 
-/// Median and maximum of the largest |e| over the last second, in mV.
+/// Returns median and maximum of the largest |e| over the last second in mV.
 fn end(errors: &Array2<f64>, rate: f64) -> (f64, f64) {
     let largest = convergence(errors.view(), 1).largest;
     let last = &largest[largest.len().saturating_sub((END_S * rate) as usize)..];
@@ -154,7 +154,7 @@ fn waterfall(experiment: &Experiment, vary: &Vary) -> Result<(usize, String)> {
     let mut series: Vec<Series> = MODES_HZ.iter().map(|&hz| Series::vertical("", hz).colour("#bdbdbd")).collect();
     for (number, (_, model)) in course.models.iter().enumerate() {
         let curve = curve(model, crate::truss::SENSOR, crate::truss::ACTUATOR);
-        // A hertz apart, which is the width of the narrowest mode.
+        // The points are one hertz apart, which is the width of the narrowest mode.
         let points = curve.frequency_hz.iter().zip(&curve.response).step_by(4);
         let points = points.map(|(hz, h)| (*hz, 20.0 * h.norm().log10().max(-4.0) + 10.0 * number as f64)).collect();
         series.push(Series::line("", points).colour("#0072b2").width(0.8));

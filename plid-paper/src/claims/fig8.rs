@@ -44,24 +44,24 @@ fn worth(truth: &Model, model: &Model) -> Result<Worth> {
     Ok(Worth { band: band_error(truth, model, BAND_HZ), modes: modes(truth, model, SENSOR, ACTUATOR)? })
 }
 
-/// The experiment with a number of states and of samples.
+/// Returns the experiment with a number of states and of samples.
 fn experiment(base: &Experiment, (states, samples): (usize, usize), seed: u64, noise: NoiseSource) -> Experiment {
     let mut experiment = with_samples(&with_seed(base, states, seed), samples);
     experiment.noise.from = noise;
     experiment
 }
 
-/// Median over seeds of the error in the band.
+/// Returns the median over seeds of the error in the band.
 fn band(worths: &[Worth]) -> f64 {
     median(&worths.iter().map(|w| w.band).collect::<Vec<_>>())
 }
 
-/// Median over seeds of the error of a mode's height, dB.
+/// Returns the median over seeds of the error in the height of a mode in dB.
 fn height(worths: &[Worth], mode: usize) -> f64 {
     median(&worths.iter().map(|w| w.modes[mode].db_off()).collect::<Vec<_>>())
 }
 
-/// Mean over seeds of the number of modes that are close.
+/// Returns the mean over seeds of the number of modes that are close.
 fn close(worths: &[Worth]) -> f64 {
     worths.iter().flat_map(|w| &w.modes).filter(|row| row.is_close()).count() as f64 / worths.len() as f64
 }
@@ -70,7 +70,7 @@ fn close(worths: &[Worth]) -> f64 {
 struct Study {
     /// Numbers of states and of samples.
     cells: Vec<(usize, usize)>,
-    /// For every cell the models of its seeds.
+    /// For every cell, the models of its seeds.
     table: Vec<Vec<Worth>>,
 }
 
@@ -113,7 +113,7 @@ impl Study {
         }))
     }
 
-    /// The rows of the table, one for each cell.
+    /// Returns the rows of the table, one for each cell.
     fn rows(&self) -> Vec<Vec<String>> {
         let rows = self.cells.iter().zip(&self.table).map(|(&(n, k), worths)| {
             let heights = (0..MODES_HZ.len()).map(|mode| format!("{:+.2}", height(worths, mode)));

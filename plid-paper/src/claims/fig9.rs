@@ -36,7 +36,7 @@ type Found = (Vec<ModeRow>, f64, String);
 fn find(context: &Context<'_>, truth: &Model, experiment: &Experiment) -> Result<Found> {
     let outcome = context.identify(experiment)?;
     let learnt = outcome.validation.training;
-    // The paper's error is that of the recursion, at its end.
+    // The error in the paper is that of the recursion at its end.
     let last = outcome.validation.innovations[0].slice(s![learnt.saturating_sub(200)..learnt, ..]).to_owned();
     let rows = modes(truth, &outcome.model, SENSOR, 0)?;
     Ok((rows, 1e3 * rms(last), overlay(truth, &outcome.model, SENSOR, 0)))

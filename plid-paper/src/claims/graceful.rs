@@ -30,7 +30,7 @@ struct Vary {
     white_cutoff_hz: f64,
 }
 
-/// The experiment with an input that is white up to nearly half the rate.
+/// Returns the experiment with an input that is white up to nearly half the rate.
 pub fn whitened(experiment: &Experiment, cutoff_hz: f64) -> Experiment {
     let mut other = experiment.clone();
     if let InputConfig::WhiteNoise(WhiteNoise { cutoff_hz: cutoff, .. }) = &mut truss_of(&mut other).input {
@@ -39,7 +39,7 @@ pub fn whitened(experiment: &Experiment, cutoff_hz: f64) -> Experiment {
     other
 }
 
-/// Error in the band, in per cent, at every number of states: the median over seeds.
+/// Returns the median over seeds of the error in the band in per cent, for every number of states.
 fn errors(context: &Context<'_>, truth: &Model, experiment: &Experiment, vary: &Vary) -> Result<Vec<f64>> {
     vary.states
         .par_iter()

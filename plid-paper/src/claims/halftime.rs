@@ -18,7 +18,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     for one in outcome.timings.iter().filter(|timing| timing.cell.inputs == 1) {
         let all = outcome.timing(&Cell { inputs: plid_testbed::INPUTS, ..one.cell }).ok_or("the study lacks a cell")?;
         let time = one.least_us / all.least_us;
-        // P has (p + m + 1) n rows, and a step goes over all of P.
+        // P has (p + m + 1) n rows, and a step processes all of P.
         let theory = (one.joint_states as f64 / all.joint_states as f64).powi(2);
         let work = one.operations.total() as f64 / all.operations.total() as f64;
         let name = format!("{}, {} states", plid_bench::speed::word(&one.cell.variant.covariance), one.cell.states);

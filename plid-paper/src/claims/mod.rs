@@ -1,4 +1,4 @@
-//! One file a figure or claim.
+//! The figures and claims, with one file for each.
 
 mod converge;
 mod db46;
@@ -24,7 +24,7 @@ mod white;
 
 use crate::claim::Claim;
 
-/// All of them, in the order of the page.
+/// All claims in the order of the page.
 pub const CLAIMS: &[Claim] = &[
     fig4::CLAIM,
     fig5::CLAIM,

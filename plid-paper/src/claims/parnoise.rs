@@ -57,7 +57,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         }
         if noise > 0.0 && single.class != Class::Lost {
             cured.push(noise);
-            // A tenth more than without any in f64: the study's own limit.
+            // The limit is a tenth more than without parameter noise in f64, as in the study.
             if single.cell.free_run.is_some_and(|e| e < 1.1 * without) {
                 harmless.push(noise);
             }

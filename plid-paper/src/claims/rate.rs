@@ -36,7 +36,7 @@ struct Vary {
 /// Error in the band in per cent against the number of samples.
 type Line = Vec<(f64, f64)>;
 
-/// Number of samples after which the error stays below the target; `None` if it never does.
+/// Returns the number of samples after which the error stays below the target, or `None` if it never does.
 fn needed(line: &[(f64, f64)], target: f64) -> Option<f64> {
     let last_above = line.iter().rposition(|(_, error)| !(*error < target));
     match last_above {
@@ -45,7 +45,7 @@ fn needed(line: &[(f64, f64)], target: f64) -> Option<f64> {
     }
 }
 
-/// The error in the band during the runs of all seeds at one sample rate.
+/// Returns the error in the band during the runs of all seeds at one sample rate.
 fn lines_at(rate: f64, context: &Context<'_>, base: &Experiment, vary: &Vary) -> Result<Vec<Line>> {
     let states = base.structure.states.unwrap_or(30);
     let mut experiment = base.clone();

@@ -1,4 +1,4 @@
-//! Claim: imperfections that do no harm.
+//! Claim: some imperfections do no harm.
 
 use plid_core::ImplicitModel;
 use plid_lab::experiment::{Covariance, Experiment, NoiseSource};
@@ -22,7 +22,7 @@ pub const CLAIM: Claim = claim!("robust",
 #[serde(deny_unknown_fields)]
 struct Vary {
     duration_s: f64,
-    /// At strut 2, 1/V^2.
+    /// Cubic coefficient at strut 2 in 1/V^2.
     cubic_per_v2: f64,
     drift_per_s: f64,
     /// Factors by which the covariances are wrong.
@@ -73,7 +73,7 @@ fn row(context: &Context<'_>, name: String, experiment: &Experiment) -> Result<R
     })
 }
 
-/// The experiments with their names, and the number of those that come before the misjudged covariances.
+/// Returns the experiments with their names, and the number of those before the misjudged covariances.
 fn settings(context: &Context<'_>, mut base: Experiment, vary: &Vary) -> Result<(Vec<(String, Experiment)>, usize)> {
     let converters = truss_of(&mut base).converters.clone();
     let noise = truss_of(&mut base).noise.clone();
@@ -108,7 +108,7 @@ fn settings(context: &Context<'_>, mut base: Experiment, vary: &Vary) -> Result<
         ("all together".into(), all.clone()),
     ];
     let factors = settings.len();
-    // Misjudged: the covariances that the bank found, R or Sigma or both off by a factor.
+    // The misjudged covariances are those that the bank found, with R, Sigma or both wrong by a factor.
     let tuned = context.identify(&all)?;
     let found = noise_of(&tuned);
     let told = |r: f64, sigma: f64| {

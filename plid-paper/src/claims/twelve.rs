@@ -22,7 +22,7 @@ struct Vary {
     steps: usize,
 }
 
-/// The cells of one scalar and form in increasing number of states: sound, or the step at which P was lost.
+/// Returns the class of a cell in words, with the step at which P was lost.
 pub fn word(judged: &Judged) -> String {
     match (judged.class, judged.lost_at) {
         (Class::Sound, _) => "sound".into(),

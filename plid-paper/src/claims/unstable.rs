@@ -37,7 +37,7 @@ struct Plant {
     samples: usize,
 }
 
-/// Poles at 1.03 and 0.9 exp(+-0.7i); the response grows by a factor of 30 000 over the record.
+/// Poles at 1.03 and 0.9 exp(+-0.7i). The response grows by a factor of 30 000 over the record.
 const UNSTABLE: Plant = Plant {
     name: "unstable",
     denominator: [-2.406_715_937_112_079_7, 2.228_017_415_225_442, -0.8343],
@@ -64,7 +64,7 @@ impl Plant {
         Ok(Model::new(RATE_HZ, a, b, DMatrix::from_row_slice(1, 3, &[0.0, 0.0, 1.0]), DMatrix::zeros(1, 1))?)
     }
 
-    /// The record u1,y1: a white input of unit RMS, and the response with sensor noise.
+    /// Returns the record u1,y1 with a white input of unit RMS and the response with sensor noise.
     fn csv(&self, seed: u64) -> Result<String> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -94,7 +94,7 @@ fn zeros(model: &Model) -> Vec<Complex<f64>> {
     all
 }
 
-/// The largest distance of a true root from the nearest found one.
+/// Returns the largest distance of a true root from the nearest root that was found.
 fn distance(truth: &[Complex<f64>], found: &[Complex<f64>]) -> f64 {
     let nearest = |t: &Complex<f64>| found.iter().map(|f| (f - t).norm()).fold(f64::INFINITY, f64::min);
     truth.iter().map(nearest).fold(0.0, f64::max)
@@ -220,7 +220,7 @@ mod tests {
         assert!(largest(&zeros(&UNSTABLE.model().unwrap())) < 1.0);
     }
 
-    /// The records that `plid run` takes are those of seed 1.
+    /// The records that `plid run` uses are those of seed 1.
     #[test]
     fn the_committed_records_are_those_of_seed_1() {
         let built_in = include_str!("../../experiments/unstable-1.csv");

@@ -36,7 +36,7 @@ fn pictures(mut finding: Finding, outcomes: &[(usize, Outcome)]) -> Finding {
     finding
 }
 
-/// The number of states and the outcome of each run.
+/// Returns the number of states and the outcome of each run.
 fn outcomes(context: &Context<'_>, base: &Experiment, vary: &Vary) -> Result<Vec<(usize, Outcome)>> {
     vary.states
         .par_iter()
@@ -57,7 +57,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         let white = validation.whiteness.iter().filter(|c| c.test.passes).count();
         let pairs = validation.cross.iter().flatten();
         let uncorrelated = pairs.clone().filter(|c| c.test.passes).count();
-        // The largest correlation says how much structure there is, however long the record.
+        // The largest correlation shows how much structure remains, whatever the length of the record.
         let largest = |value: &[f64]| value.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let own = validation.whiteness.iter().map(|c| largest(&c.value[..])).fold(0.0, f64::max);
         let with_input = pairs.map(|c| largest(&c.value)).fold(0.0, f64::max);

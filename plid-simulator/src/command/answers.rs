@@ -16,7 +16,7 @@ pub(super) struct Answers {
     pipe: ChildStdout,
     /// Whether reading from the pipe does not block.
     nonblocking: bool,
-    /// Is notified of every part of an answer.
+    /// The watch, which is notified of every part of an answer.
     watch: Arc<Watch>,
 }
 

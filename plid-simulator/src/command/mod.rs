@@ -83,7 +83,7 @@ impl Command {
     /// in any case, because an interpreter loads its libraries first.
     ///
     /// # Errors
-    /// Returns [`SimulatorError::Failed`] if the program cannot be started, ends, or writes something else than its
+    /// Returns [`SimulatorError::Failed`] if the program cannot be started, ends, or writes something other than its
     /// description, and [`SimulatorError::Description`] if the description is inconsistent.
     pub fn start(command: &[String], folder: &Path, patience: Duration) -> Result<Self, SimulatorError> {
         let mut process = Process::start(command, folder, patience.max(Self::PATIENCE))?;

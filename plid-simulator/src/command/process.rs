@@ -18,7 +18,7 @@ const KEPT: usize = 65536;
 /// Number of lines of the log in a message.
 const LINES: usize = 8;
 
-/// Number of checks of a program whose pipes are closed: for a second.
+/// Number of checks of a program whose pipes are closed. Together they take a second.
 const CHECKS: usize = 200;
 
 /// Interval between two of them.
@@ -33,7 +33,7 @@ pub(super) struct Process {
     name: String,
     input: ChildStdin,
     output: BufReader<Answers>,
-    /// Dropped after the pipes, whose closing ends the program.
+    /// The program. It is dropped after the pipes, whose closing ends it.
     child: Running,
     log: Arc<Mutex<VecDeque<u8>>>,
     logger: Option<thread::JoinHandle<()>>,

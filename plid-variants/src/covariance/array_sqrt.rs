@@ -19,7 +19,7 @@ pub struct ArrayRule;
 impl FactorRule for ArrayRule {
     // A rotation changes two entries.
     const MEASUREMENT_FLOPS: f64 = 6.0;
-    // A reflection into L's own column leaves the rest of L alone: n entries.
+    // A reflection into its own column of L leaves the rest of L unchanged: n entries.
     const TRIANGULARISATION_FLOPS: f64 = 2.0;
 
     fn begin<B: Backend>(factors: &mut Triangular<B>) {

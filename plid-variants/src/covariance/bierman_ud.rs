@@ -1,5 +1,5 @@
-//! P = U D U^T: Bierman's measurement update, Thornton's time update (Bierman 1977, ch. V and VI) restricted to the
-//! plant's states.
+//! P = U D U^T with Bierman's measurement update, and with Thornton's time update (Bierman 1977, ch. V and VI)
+//! restricted to the plant's states.
 
 use num_traits::One;
 use plid_core::kernels::{BadPivot, Kernels};
@@ -12,14 +12,14 @@ use super::triangular::{Triangular, Updates};
 /// Bierman's UD form with the structured Thornton update.
 pub type BiermanUd<B> = Factored<B, UdRule>;
 
-/// U unit upper triangular and d apart.
+/// U is unit upper triangular, and d is stored separately.
 #[derive(Clone, Copy, Debug)]
 pub struct UdRule;
 
 impl FactorRule for UdRule {
-    // An entry of U and one of the gain change.
+    // One entry of U and one of the gain change.
     const MEASUREMENT_FLOPS: f64 = 4.0;
-    // Gram-Schmidt goes over whole rows.
+    // Gram-Schmidt processes whole rows.
     const TRIANGULARISATION_FLOPS: f64 = 8.0 / 3.0;
 
     fn begin<B: Backend>(_factors: &mut Triangular<B>) {}

@@ -3,21 +3,22 @@
 use plid_core::kernels::{BadPivot, Kernels, PanelLayout, Support, Tails, pivoted_cholesky};
 use plid_core::{Backend, Dense, ImplicitModel, Matrix, Transition, View, ViewMut};
 
-/// Abar of a transition as the kernels take it.
+/// Abar of a transition in the layout of the kernels.
 #[derive(Clone, Debug)]
 pub struct Advance<S> {
     layout: PanelLayout,
     /// The c_k.
     outputs: Vec<usize>,
-    /// How far before the diagonal J has ones, and (a panel's rows, a column each) in which rows.
+    /// The distances before the diagonal at which J has ones. `shifts` shows in which rows (the rows of a panel, one
+    /// column per distance).
     offsets: Vec<usize>,
     shifts: Dense<S>,
-    /// The abar_k, a panel's rows x p.
+    /// The columns abar_k (rows of a panel x p).
     abar: Dense<S>,
 }
 
 impl<S: Kernels> Advance<S> {
-    /// J and the c_k of `model`.
+    /// Takes J and the c_k from `model`.
     pub fn new(model: &dyn ImplicitModel, layout: PanelLayout) -> Self {
         let offset = |i: usize| model.shift_source(i).map(|from| i - from);
         let mut offsets: Vec<usize> = (0..layout.n()).filter_map(offset).collect();
@@ -38,16 +39,17 @@ impl<S: Kernels> Advance<S> {
         }
     }
 
-    /// X <- Abar X + (phi (x) I) Ut for the columns of the first panel from `first` on.
+    /// Computes X <- Abar X + (phi (x) I) Ut for the columns of the first panel, from `first` on.
     pub fn apply(&self, theta: View<'_, S>, phi: &[S], first: usize, x: ViewMut<'_, S>, work: &mut [S]) {
         let (shifts, abar) = (self.shifts.view(), self.abar.view());
         S::advance_panel(self.layout, theta, phi, &self.offsets, shifts, &self.outputs, abar, first, x, work);
     }
 
-    /// For each row of Abar Ux the column before which it, and all rows below it, are zero.
+    /// Returns, for each row of Abar Ux, the column before which this row and all rows below it are zero.
     fn first_columns(&self) -> Vec<usize> {
         let n = self.layout.n();
-        // Row i of Ux begins on the diagonal. Abar Ux has in row i the row that J takes, and the outputs' rows.
+        // Row i of Ux begins on the diagonal. Row i of Abar Ux combines the row that J selects with the rows of the
+        // outputs.
         let first_output = self.outputs.iter().copied().min().unwrap_or(n);
         let taken = |i: usize| (0..self.offsets.len()).find(|&k| self.shifts.at(i, k) != S::zero());
         let mut starts: Vec<usize> =
@@ -59,19 +61,19 @@ impl<S: Kernels> Advance<S> {
     }
 }
 
-/// The array W = [Abar Ux, L] with weights, and what its triangularisation needs.
+/// The array W = [Abar Ux, L] with weights, and the scratch for its triangularisation.
 #[derive(Clone, Debug)]
 pub struct Corner<S> {
     n: usize,
-    /// A panel's rows.
+    /// Number of rows of a panel.
     rows: usize,
-    /// Room for W.
+    /// Storage for W.
     array: Vec<S>,
     /// The weights of its columns.
     weights: Vec<S>,
-    /// Where the rows begin if L is triangular.
+    /// The columns at which the rows begin if L is triangular.
     triangular: Vec<[usize; 2]>,
-    /// Where they begin if it is not.
+    /// The columns at which they begin if L is not triangular.
     general: Vec<[usize; 2]>,
     starts: Vec<usize>,
     zeros: Vec<usize>,
@@ -82,28 +84,28 @@ pub struct Corner<S> {
     root: Dense<S>,
 }
 
-/// Numbers between the columns of W, lest the entries of a row fall on the same few lines of a cache; as many are at
-/// most left out at the beginning.
+/// Unused numbers between the columns of W. Without them, the entries of a row would share a few cache lines. At most
+/// as many are left out at the beginning.
 const GAP: usize = PanelLayout::ROWS;
 
-/// W in its room, 2n columns of a panel's rows. The kernels load and store whole lines of the cache, on which it
-/// therefore begins.
+/// Returns W in its storage, with `columns` columns of `rows` rows. It begins at a cache line, because the kernels
+/// load and store whole cache lines.
 fn array<S: Kernels>(room: &mut [S], rows: usize, columns: usize) -> ViewMut<'_, S> {
     let offset = room.as_ptr().align_offset(GAP * size_of::<S>()).min(GAP);
     ViewMut::new(&mut room[offset..], rows, columns, rows + GAP)
 }
 
-/// How L has come out.
+/// The shape of L.
 #[derive(Clone, Copy, Debug)]
 pub struct Laid {
     /// The columns of the array that are in use.
     columns: usize,
-    /// L is upper triangular.
+    /// Whether L is upper triangular.
     triangular: bool,
 }
 
 impl<S: Kernels> Corner<S> {
-    /// Room for the array.
+    /// Allocates the array.
     pub fn new(advance: &Advance<S>) -> Self {
         let (n, rows, starts) = (advance.layout.n(), advance.layout.rows(), advance.first_columns());
         Self {
@@ -123,10 +125,10 @@ impl<S: Kernels> Corner<S> {
         }
     }
 
-    /// Lays [Abar Ux, L], and the weights of L's columns.
+    /// Fills the array with [Abar Ux, L], and sets the weights of the columns of L.
     ///
     /// # Errors
-    /// A pivot of Qbar that is not finite.
+    /// Returns a pivot of Qbar that is not finite.
     pub fn lay(&mut self, advance: &Advance<S>, ux: View<'_, S>, qbar: &Dense<S>) -> Result<Laid, BadPivot> {
         let n = self.n;
         let (mut left, mut right) = array(&mut self.array, self.rows, 2 * n).split_at_column(n);
@@ -134,16 +136,16 @@ impl<S: Kernels> Corner<S> {
             left.column_mut(c).copy_from_slice(ux.column(c));
         }
         advance.apply(ux, &[], 0, left, &mut self.outputs);
-        // Qbar is a moment. If it is clearly definite its factor may be triangular, which leaves rows of the array
-        // short.
+        // Qbar is a second moment. If it is clearly positive definite, its factor may be triangular, which keeps the
+        // rows of the array short.
         let tolerance = 64.0 * n as f64 * S::EPSILON;
         S::upper_ldl(qbar.view(), right.reborrow(), &mut self.weights[n..], S::from_f64(tolerance), &mut self.work);
         let lost = |i: usize| self.weights[n + i] == S::zero() && qbar.at(i, i) != S::zero();
         if !(0..n).any(lost) {
             return Ok(Laid { columns: 2 * n, triangular: true });
         }
-        // Where w determines v and xi completely, only rounding of either sign is left of a pivot: then the pivots have
-        // to be sought.
+        // If w determines v and xi completely, only a rounding error of either sign remains of a pivot. The
+        // factorisation then needs pivoting.
         for c in 0..n {
             self.qbar.column_mut(c).copy_from_slice(qbar.column(c));
         }
@@ -158,7 +160,7 @@ impl<S: Kernels> Corner<S> {
         Ok(Laid { columns: n + rank, triangular: false })
     }
 
-    /// U' and d' (n entries, those of Ux before) by weighted Gram-Schmidt.
+    /// Computes U' and d' by weighted Gram-Schmidt. On entry, `d` holds the n entries that belong to Ux.
     pub fn gram_schmidt<B: Backend<Scalar = S>>(&mut self, laid: Laid, u: ViewMut<'_, S>, d: &mut [S]) {
         let n = self.n;
         self.weights[..n].copy_from_slice(d);
@@ -173,7 +175,7 @@ impl<S: Kernels> Corner<S> {
         );
     }
 
-    /// S' by reflections.
+    /// Computes S' by reflections.
     pub fn reflect<B: Backend<Scalar = S>>(&mut self, laid: Laid, s: ViewMut<'_, S>) {
         let n = self.n;
         if laid.triangular {
@@ -182,7 +184,7 @@ impl<S: Kernels> Corner<S> {
                 let root = self.weights[n + c].sqrt();
                 array.column_mut(n + c)[..=c].iter_mut().for_each(|x| *x *= root);
             }
-            // Each row is reflected into its own column of L, which no row below it has.
+            // Each row is reflected into its own column of L, in which all rows below it are zero.
             self.ends.fill(n);
         } else {
             for (i, end) in self.ends.iter_mut().enumerate() {

@@ -1,11 +1,11 @@
-//! The covariance as Eq. 8-10 write it: P - K Re K^T, F P F^T + E[G Q0 G^T].
+//! The covariance as in Eq. 8-10: P - K Re K^T, F P F^T + E[G Q0 G^T].
 
 use plid_core::kernels::axpy;
 use plid_core::{Scalar, ViewMut};
 
 use super::symmetric::{Innovations, Symmetric, UpdateRule};
 
-/// Direct propagation (Eq. 8-10), as two phases.
+/// Direct propagation (Eq. 8-10) in two phases.
 pub type Direct<B> = Symmetric<B, DirectRule>;
 
 /// P+ = P - K Re K^T.

@@ -1,4 +1,4 @@
-//! P as a triangular factor. The common parts of the factored forms are here; their differences are in a rule.
+//! P as a triangular factor. The common parts of the factored forms are here; a rule holds their differences.
 
 use std::marker::PhantomData;
 
@@ -13,19 +13,20 @@ use super::triangular::{Triangular, Updates};
 
 /// How the factors of P are kept and updated.
 pub trait FactorRule: Clone + Send + Sync + 'static {
-    /// Operations for each entry of the factor and measurement.
+    /// Operations per entry of the factor and per measurement.
     const MEASUREMENT_FLOPS: f64;
 
-    /// Operations of the triangularisation, over n^3.
+    /// Operations of the triangularisation, divided by n^3.
     const TRIANGULARISATION_FLOPS: f64;
 
-    /// Brings U and d of P0 = U diag(d) U^T into this rule's convention.
+    /// Converts U and d of P0 = U diag(d) U^T to the convention of this rule.
     fn begin<B: Backend>(factors: &mut Triangular<B>);
 
-    /// The kernels of the measurement update.
+    /// Returns the kernels of the measurement update.
     fn updates<B: Backend>() -> Updates<B::Scalar>;
 
-    /// Makes the array that is laid out in `corner` triangular, over Ux (and its n entries of d).
+    /// Makes the array in `corner` triangular, and writes the result to `u` in place of Ux (and to its n entries of
+    /// d).
     fn triangularise<B: Backend>(
         corner: &mut Corner<B::Scalar>,
         laid: Laid,
@@ -33,7 +34,7 @@ pub trait FactorRule: Clone + Send + Sync + 'static {
         d: &mut [B::Scalar],
     );
 
-    /// The first pivot that is no longer sound after a time update.
+    /// Returns the first pivot that is no longer sound after a time update.
     fn check<B: Backend>(factors: &Triangular<B>) -> Result<(), BadPivot>;
 
     /// Adds variance `c` to entry `place` of s.
@@ -42,11 +43,11 @@ pub trait FactorRule: Clone + Send + Sync + 'static {
     /// P <- `factor` P.
     fn scale<B: Backend>(factors: &mut Triangular<B>, factor: B::Scalar);
 
-    /// Pivot `j` of U diag(d) U^T with U unit triangular.
+    /// Returns pivot `j` of U diag(d) U^T with U unit triangular.
     fn pivot<B: Backend>(factors: &Triangular<B>, j: usize) -> B::Scalar;
 }
 
-/// P = U diag(d) U^T, U upper triangular, under the rule `R`.
+/// P = U diag(d) U^T with U upper triangular, by the rule `R`.
 #[derive(Clone, Debug)]
 pub struct Factored<B: Backend, R> {
     factors: Triangular<B>,
@@ -143,14 +144,14 @@ fn update_flops<R: FactorRule>(size: &StepSize) -> Vec<Term> {
     let (n, p, c) = (size.n, size.p, size.columns());
     vec![
         Term { what: "measurement update of the factor", flops: R::MEASUREMENT_FLOPS * p * size.triangle() },
-        // p products for each of n^2 entries, and one with the one or zero of J; U_x once.
+        // p products for each of n^2 entries, and one with the entry of J, which is one or zero; U_x counts once.
         Term { what: "Abar on the states' rows", flops: 2.0 * (p + 1.0) * (c + 1.0) * n * n },
         // Column block t of U_theta has t blocks of rows: c (c + 1) / 2 blocks of n^2 entries.
         Term { what: "phi on U_theta", flops: c * (c + 1.0) * n * n },
-        // One column of the root after another is taken off the triangle that is left.
+        // The columns of the root are subtracted one after another from the remaining triangle.
         Term { what: "root of Qbar", flops: n * n * n / 3.0 },
-        // The array is [Abar Ux, L] with L L^T = Qbar triangular: row j has n + n - j entries. Row after row is taken
-        // out of those above it, j of them, a product and a subtraction for each entry.
+        // The array is [Abar Ux, L] with L L^T = Qbar triangular: row j has n + n - j entries. Each row is eliminated
+        // from the j rows above it, with a product and a subtraction for each entry.
         Term { what: "triangularisation", flops: R::TRIANGULARISATION_FLOPS * n * n * n },
     ]
 }

@@ -8,9 +8,9 @@ use super::symmetric::{Innovations, Symmetric, UpdateRule};
 /// Joseph's measurement update; the time update is that of the direct form.
 pub type Joseph<B> = Symmetric<B, JosephRule>;
 
-/// First M = P - K (H P), then M - (M H^T - K R) K^T (Bierman 1977, ch. V): products of N x k with k x N, never one of
-/// N x N with N x N. M H^T must come from the rounded M. Written as P H^T - K (H P H^T) it would miss the rounding
-/// errors that the second product removes.
+/// Computes M = P - K (H P), and then M - (M H^T - K R) K^T (Bierman 1977, ch. V). These are products of N x k with k
+/// x N, never of N x N with N x N. M H^T must come from the rounded M. Written as P H^T - K (H P H^T) it would miss
+/// the rounding errors that the second product removes.
 #[derive(Clone, Copy, Debug)]
 pub struct JosephRule;
 

@@ -1,4 +1,4 @@
-//! How P is carried: as a matrix (direct, Joseph) or as a triangular factor (Bierman UD, array square root).
+//! How P is represented: as a matrix (direct, Joseph) or as a triangular factor (Bierman UD, array square root).
 
 mod array_sqrt;
 mod bierman_ud;
@@ -21,7 +21,7 @@ pub use triangular::{Triangular, Updates};
 
 use plid_core::{Dense, InitialCovariance, Matrix, Scalar, kernels, kernels::BadPivot};
 
-/// The first variances must be finite and not negative.
+/// Checks that the initial variances are finite and not negative.
 fn check_variances(variances: &[f64]) -> Result<(), BadPivot> {
     match variances.iter().position(|&v| !(v >= 0.0 && v.is_finite())) {
         Some(index) => Err(BadPivot { index, value: variances[index] }),
@@ -29,7 +29,7 @@ fn check_variances(variances: &[f64]) -> Result<(), BadPivot> {
     }
 }
 
-/// P0 as U diag(d) U^T with U unit upper triangular: in f64 at least, in `S` where that has more digits.
+/// Factors P0 = U diag(d) U^T with U unit upper triangular, in f64, or in `S` if it has more digits.
 fn factor_initial<S: Scalar>(initial: &InitialCovariance) -> Result<(Dense<S>, Vec<S>), BadPivot> {
     if S::EPSILON < <f64 as Scalar>::EPSILON {
         return factor(initial);
@@ -46,7 +46,7 @@ fn factor<S: Scalar>(initial: &InitialCovariance) -> Result<(Dense<S>, Vec<S>), 
             Ok((Dense::from_diagonal(&vec![S::one(); d.len()]), d))
         }
         InitialCovariance::Full(p0) => {
-            // The same factorisation from the last entry up is that of the reversed matrix from the first one down.
+            // A factorisation from the last entry upwards is the usual one of the reversed matrix.
             let size = p0.rows();
             let mut reversed = Dense::from_fn(size, size, |i, j| S::from_f64(p0.at(size - 1 - i, size - 1 - j)));
             let mut d = vec![S::zero(); size];

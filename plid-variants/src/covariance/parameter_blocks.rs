@@ -1,14 +1,15 @@
-//! Sums of blocks of U diag(d) U^T between parameter columns: what expectations ask of a factored form.
+//! Sums of blocks of U diag(d) U^T between parameter columns: the quantities that expectations request from a
+//! factored form.
 
 use plid_core::kernels::{self, Kernels, PanelLayout, pivoted_cholesky, semidefinite_ldl};
 use plid_core::{Backend, Dense, Matrix, View, ViewMut};
 
-/// With weights = V V^T, V lower triangular, the sum is one of M_k diag(d_theta) M_k^T with M_k = sum_s V_sk U_s, U_s
-/// the panel of parameter column s: M_k begins with the columns of panel k.
+/// With weights = V V^T and V lower triangular, the result is the sum over k of M_k diag(d_theta) M_k^T, where M_k =
+/// sum_s V_sk U_s and U_s is the panel of parameter column s. M_k begins with the columns of panel k.
 #[derive(Clone, Debug)]
 pub struct ParameterBlocks<S> {
     layout: PanelLayout,
-    /// The columns before this one are half of the work.
+    /// The column before which half of the work lies.
     half: usize,
     factor: Dense<S>,
     rest: Dense<S>,
@@ -18,10 +19,11 @@ pub struct ParameterBlocks<S> {
 }
 
 impl<S: Kernels> ParameterBlocks<S> {
-    /// Room for the sums.
+    /// Allocates the sums.
     pub fn new(layout: PanelLayout) -> Self {
         let (columns, rows) = (layout.count() - 1, layout.rows());
-        // Column c is in c / n + 1 of the M_k. In steps, so that packs of columns stay whole.
+        // Column c occurs in c / n + 1 of the M_k. The division is at a multiple of eight, so that packs of columns
+        // remain whole.
         let before = |c: usize| (0..c).map(|c| c / layout.n() + 1).sum::<usize>();
         let total = before(columns * layout.n());
         let half = (0..columns * layout.n()).step_by(8).min_by_key(|&c| (2 * before(c)).abs_diff(total)).unwrap_or(0);
@@ -36,7 +38,8 @@ impl<S: Kernels> ParameterBlocks<S> {
         }
     }
 
-    /// `out` += the sum, lower triangle; `theta` holds the panels from the second on, `d` their weights.
+    /// Adds the lower triangle of the sum to `out`. `theta` holds the panels from the second one on, and `d` their
+    /// weights.
     pub fn add<B: Backend<Scalar = S>>(
         &mut self,
         weights: &Dense<S>,
@@ -61,14 +64,15 @@ impl<S: Kernels> ParameterBlocks<S> {
         }
     }
 
-    /// V into `factor`; returns its rank. Weights are moments; what rounding leaves below zero is dropped.
+    /// Writes V to `factor` and returns its rank. The weights are second moments, so negative remainders are rounding
+    /// errors and are dropped.
     fn factor_weights(&mut self, weights: &Dense<S>) -> usize {
         let count = weights.rows();
         let tolerance = 16.0 * count as f64 * S::EPSILON;
         for j in 0..count {
             self.factor.column_mut(j).copy_from_slice(weights.column(j));
         }
-        // Clearly definite, up to channels that are not there: a triangular factor as it comes.
+        // If the weights are clearly definite, apart from absent channels, the triangular factor is used as it is.
         let done = semidefinite_ldl(self.factor.view_mut(), &mut self.scale, tolerance, f64::INFINITY);
         let lost = |j: usize| self.scale[j] == S::zero() && weights.at(j, j) != S::zero();
         if done.is_ok() && !(0..count).any(lost) {
@@ -81,7 +85,7 @@ impl<S: Kernels> ParameterBlocks<S> {
             }
             return count;
         }
-        // Else the pivots have to be sought.
+        // Otherwise, the factorisation needs pivoting.
         for j in 0..count {
             self.rest.column_mut(j).copy_from_slice(weights.column(j));
         }

@@ -1,4 +1,5 @@
-//! P as a matrix, of which the lower triangle is kept. The time update is shared; the measurement update is a rule.
+//! P as a matrix, of which the lower triangle is stored. The time update is shared; the measurement update is given
+//! by a rule.
 
 use std::marker::PhantomData;
 
@@ -14,7 +15,7 @@ use super::factor_initial;
 /// The inputs of a correction of P by k outputs.
 #[derive(Clone, Copy, Debug)]
 pub struct Innovations<'a, S> {
-    /// P H^T with P as the corrections before this one have left it, N x k.
+    /// P H^T with P after the preceding corrections, N x k.
     pub cross: View<'a, S>,
     /// The gain K = P H^T Re^-1, N x k.
     pub gain: View<'a, S>,
@@ -24,12 +25,12 @@ pub struct Innovations<'a, S> {
     pub factor: View<'a, S>,
 }
 
-/// How P+ is written.
+/// The formula for P+.
 pub trait UpdateRule: Clone + Send + Sync + 'static {
-    /// How many corrections follow each other.
+    /// Number of corrections in sequence.
     const CORRECTIONS: usize;
 
-    /// Fills `left` and `right` (N x k) of correction `which`, P <- P - left right^T.
+    /// Computes `left` and `right` (N x k) of correction `which`, which is P <- P - left right^T.
     fn correction<S: Scalar>(
         which: usize,
         innovations: Innovations<'_, S>,
@@ -38,10 +39,10 @@ pub trait UpdateRule: Clone + Send + Sync + 'static {
     );
 }
 
-/// P as a symmetric matrix with measurement update `R`.
+/// P as a symmetric matrix with the measurement update `R`.
 #[derive(Clone, Debug)]
 pub struct Symmetric<B: Backend, R> {
-    /// N x N, the lower triangle; the upper triangle is zero, which the block product relies on.
+    /// The lower triangle of P, N x N. The upper triangle is zero, on which the block product relies.
     p: B::Matrix,
     n: usize,
     rule: PhantomData<R>,
@@ -61,11 +62,11 @@ pub struct Symmetric<B: Backend, R> {
     shift: Shift,
 }
 
-/// Columns of the product with the regressor that are formed at once: few enough that their scratch stays in the
-/// nearest cache, and enough to be shared out.
+/// Number of columns of the product with the regressor that are formed at once. It is small enough for their scratch
+/// to stay in the nearest cache, and large enough for the work to be divided among threads.
 const COLUMNS_AT_ONCE: usize = 32;
 
-/// Column `c` of the symmetric matrix whose lower triangle is `p`.
+/// Writes column `c` of the symmetric matrix whose lower triangle is `p` to `out`.
 fn symmetric_column<S: Scalar>(p: View<'_, S>, c: usize, out: &mut [S]) {
     for (i, x) in out.iter_mut().enumerate().take(c) {
         *x = p.at(c, i);
@@ -74,8 +75,8 @@ fn symmetric_column<S: Scalar>(p: View<'_, S>, c: usize, out: &mut [S]) {
 }
 
 impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
-    /// `observe` writes P H^T into the first `k` columns of its second argument; `output` and `sensor` hold H P H^T and
-    /// R. Forms the gain and corrects P.
+    /// `observe` writes P H^T into the first `k` columns of its second argument; `output` and `sensor` hold H P H^T
+    /// and R. Computes the gain and corrects P.
     fn correct(
         &mut self,
         k: usize,
@@ -109,7 +110,8 @@ impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
             let right = self.right.view().block(0, 0, size, k);
             B::symmetric_product_lower(self.p.view_mut(), -B::Scalar::one(), left, right);
         }
-        // A variance may round below zero where the outputs tell a state exactly; beyond that P is lost.
+        // Rounding may make a variance negative if the outputs determine a state exactly. If it is more negative than
+        // that, P is lost.
         let tolerance = B::Scalar::from_f64(64.0 * B::Scalar::EPSILON);
         for i in 0..size {
             let variance = self.p.view().at(i, i);
@@ -213,7 +215,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         let Transition { abar, phi, qbar, .. } = transition;
         let (abar, rows) = (abar.view(), model.output_states());
         let outputs = &mut self.work[..rows.len()];
-        // W = P_xx Abar^T + ((phi (x) I) P_{theta x})^T. First both triangles of P_xx, the diagonal once.
+        // W = P_xx Abar^T + ((phi (x) I) P_{theta x})^T. First, both triangles of P_xx, with the diagonal only once.
         for c in 0..n {
             let column = &self.p.view().column(c)[..n];
             self.product.column_mut(c).copy_from_slice(column);
@@ -235,7 +237,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         B::Scalar::advance_rows(cross.reborrow(), &self.shift, rows, abar, kept);
         let theta = right.block_mut(n, 0, size - n, size - n);
         B::block_product_lower(theta.view(), phi, cross, self.mirrored.view_mut());
-        // P_xx <- Abar W + (phi (x) I) P_{theta x} + Qbar, of which the lower triangle goes to its place.
+        // P_xx <- Abar W + (phi (x) I) P_{theta x} + Qbar, of which the lower triangle is stored in P.
         B::Scalar::advance_columns(self.product.view_mut(), &self.shift, rows, abar, outputs);
         B::Scalar::add_block_sums(self.product.view_mut(), left.view().block(n, 0, size - n, n), phi);
         for i in 0..n {
@@ -326,26 +328,27 @@ impl<B: Backend, R: UpdateRule> Form for Symmetric<B, R> {
     };
 }
 
-/// Each of the `corrections` of the measurement update is a product of rank p that is taken off P.
+/// Each of the `corrections` of the measurement update subtracts a product of rank p from P.
 fn update_flops(size: &StepSize, corrections: f64) -> Vec<Term> {
     let (n, p, c, joint) = (size.n, size.p, size.columns(), size.joint());
     vec![
-        // K = P H^T (L L^T)^-1: two triangular solves of p^2 operations for each of N rows.
+        // K = P H^T (L L^T)^-1 takes two triangular solves of p^2 operations for each of N rows.
         Term { what: "gain", flops: 2.0 * joint * p * p },
-        // A product and a sum for every entry of the triangle and each of p columns; and its factor.
+        // A product and a sum for every entry of the triangle and each of p columns, and the computation of the
+        // factor.
         Term {
             what: "measurement update of P",
             flops: corrections * (2.0 * p * size.triangle() + joint * p * (p + 1.0)),
         },
         // (K Re K^T)_ii for each of N variances.
         Term { what: "check of the variances", flops: joint * p * (p + 3.0) },
-        // Abar P_xx Abar^T: p products for each of n^2 entries, and one with the one or zero of J, from either side;
-        // the same from one side for P_{theta x}.
+        // Abar P_xx Abar^T takes p products for each of n^2 entries, and one with the entry of J, which is one or
+        // zero, from each side; P_{theta x} takes the same from one side.
         Term { what: "Abar on the states' rows", flops: 2.0 * (p + 1.0) * (c + 2.0) * n * n },
         // (phi (x) I) P_{theta x}, twice: 2 c for each of n^2 entries.
         Term { what: "phi on P_{theta x}", flops: 4.0 * c * n * n },
-        // P_{theta theta} (phi (x) I)^T: each entry of the lower triangle serves itself and its mirror image, whose
-        // sums are then added.
+        // P_{theta theta} (phi (x) I)^T: each entry of the lower triangle is used for itself and for its mirror
+        // image, and the two sums are then added.
         Term { what: "phi on P_{theta theta}", flops: 2.0 * c * c * n * n + c * n * n },
     ]
 }

@@ -1,6 +1,6 @@
-//! P = U diag(d) U^T with U upper triangular: what the factored forms share.
+//! P = U diag(d) U^T with U upper triangular: the common part of the factored forms.
 //!
-//! With s = [x; theta] and the parameters constant, U = [Ux, Uxt; 0, Ut]: a time update leaves Ut alone, and Uxt
+//! With s = [x; theta] and the parameters constant, U = [Ux, Uxt; 0, Ut]. A time update does not change Ut, and Uxt
 //! becomes Abar Uxt + (phi (x) I) Ut.
 
 use num_traits::{One, Zero};
@@ -22,22 +22,22 @@ pub struct Triangular<B: Backend> {
     pub u: B::Matrix,
     /// d, N entries.
     pub d: Vec<B::Scalar>,
-    /// A vector of N entries, a column a panel.
+    /// A vector of N entries, with one column per panel.
     pub direction: Dense<B::Scalar>,
-    // The measurement update; k of p entries are in use if k outputs are there.
-    /// H U, p x N, of decorrelated measurements.
+    // For the measurement update; k of p entries are in use if k outputs are available.
+    /// H U of decorrelated measurements, p x N.
     rows: Dense<B::Scalar>,
-    /// Two numbers a measurement and column, 2p x N.
+    /// Two numbers for each measurement and column, 2p x N.
     changes: Dense<B::Scalar>,
-    /// The gains times the spreads, p columns a panel.
+    /// The gains multiplied by the spreads, with p columns per panel.
     gains: Dense<B::Scalar>,
-    /// Those through H.
+    /// H times these gains.
     seen: Dense<B::Scalar>,
     /// T^-1 of R = T diag(r) T^T, p x p.
     decorrelation: Dense<B::Scalar>,
     spreads: Vec<B::Scalar>,
     innovation: Vec<B::Scalar>,
-    // The time update.
+    // For the time update.
     advance: Advance<B::Scalar>,
     corner: Corner<B::Scalar>,
     outputs: Vec<B::Scalar>,
@@ -49,7 +49,7 @@ type Recursion<S> = fn(ViewMut<'_, S>, &mut [S], &mut [S], ViewMut<'_, S>, ViewM
 /// The kernels of a scalar measurement update.
 #[derive(Clone, Copy, Debug)]
 pub struct Updates<S> {
-    /// The spread of an innovation from its variance.
+    /// Computes the spread of an innovation from its variance.
     pub spread: fn(S) -> S,
     /// As [`Kernels::bierman_recursion`].
     pub recursion: Recursion<S>,
@@ -92,25 +92,25 @@ impl<B: Backend> Triangular<B> {
         })
     }
 
-    /// Entry (i, j) of U.
+    /// Returns entry (i, j) of U.
     pub fn at(&self, i: usize, j: usize) -> B::Scalar {
         let n = self.layout.n();
         if i > j { B::Scalar::zero() } else { self.u.view().at(i % n, self.layout.column(i / n, j)) }
     }
 
-    /// U diag(d) U^T H^T for rows of H that each pick one state.
+    /// Computes U diag(d) U^T H^T for rows of H that each select one state.
     pub fn output_columns(&self, rows: &[usize], out: ViewMut<'_, B::Scalar>) {
         B::Scalar::output_columns(self.layout, self.u.view(), &self.d, rows, out);
     }
 
-    /// The weighted sum of blocks of U diag(d) U^T between parameter columns.
+    /// Adds the weighted sum of blocks of U diag(d) U^T between parameter columns to `out`.
     pub fn add_parameter_blocks(&mut self, weights: &Dense<B::Scalar>, out: ViewMut<'_, B::Scalar>) {
         let (layout, u) = (self.layout, self.u.view());
         let theta = u.block(0, layout.start(1), u.rows(), u.columns() - layout.start(1));
         self.blocks.add::<B>(weights, theta, &self.d[layout.n()..], out);
     }
 
-    /// Decorrelates the outputs that are there, R = T diag(r) T^T: T^-1 into `decorrelation`, r into `spreads`.
+    /// Decorrelates the available outputs with R = T diag(r) T^T: writes T^-1 to `decorrelation` and r to `spreads`.
     fn decorrelate(&mut self, noise: &NoiseTerms<B::Scalar>) {
         let count = noise.available().len();
         let rows = &mut self.decorrelation;
@@ -129,7 +129,7 @@ impl<B: Backend> Triangular<B> {
         self.spreads[..count].copy_from_slice(noise.sensor_pivots());
     }
 
-    /// The measurement update of all outputs that are there, as scalar updates one after the other.
+    /// Carries out the measurement update of all available outputs as a sequence of scalar updates.
     pub fn measure(
         &mut self,
         outputs: &[usize],
@@ -140,7 +140,7 @@ impl<B: Backend> Triangular<B> {
     ) -> Result<(), BadPivot> {
         let count = outputs.len();
         self.decorrelate(noise);
-        // H picks states, which the first panel holds; it begins with column 0 of U.
+        // H selects states, which are in the first panel; this panel begins with column 0 of U.
         let u = self.u.view();
         for j in 0..self.layout.size() {
             let (row, column) = (self.rows.column_mut(j), u.column(j));
@@ -159,7 +159,7 @@ impl<B: Backend> Triangular<B> {
             for (panel, s) in s.chunks_exact_mut(self.layout.n()).enumerate() {
                 axpy(step, gains.column(panel * self.rows.rows() + k), s);
             }
-            // What this correction has already done to the innovations to come.
+            // This correction has already changed the innovations that follow.
             for l in k + 1..count {
                 self.innovation[l] -= self.seen.at(l, k) * step;
             }
@@ -167,7 +167,7 @@ impl<B: Backend> Triangular<B> {
         Ok(())
     }
 
-    /// One scalar update with any row h; `r` is the variance of its noise.
+    /// Carries out one scalar update with any row h; `r` is the variance of its noise.
     pub fn measure_row(
         &mut self,
         h: &[B::Scalar],
@@ -193,7 +193,7 @@ impl<B: Backend> Triangular<B> {
         Ok(())
     }
 
-    /// Takes U through the scalar updates whose H U is in `rows` and whose noises have the variances in `spreads`.
+    /// Applies the scalar updates to U. Their H U is in `rows`, and their noise variances are in `spreads`.
     fn update(&mut self, count: usize, updates: Updates<B::Scalar>) -> Result<(), BadPivot> {
         let (layout, size, all) = (self.layout, self.layout.size(), self.rows.rows());
         for spread in &mut self.spreads[..count] {
@@ -228,7 +228,8 @@ impl<B: Backend> Triangular<B> {
         Ok(())
     }
 
-    /// The time update. `factor` puts the new factor of the laid array over Ux (and into its n entries of d).
+    /// Carries out the time update. `factor` replaces Ux (and its n entries of d) by the new factor of the filled
+    /// array.
     pub fn time_update(
         &mut self,
         transition: &Transition<B::Scalar>,
@@ -239,7 +240,7 @@ impl<B: Backend> Triangular<B> {
         let (ux, rest) = self.u.view_mut().split_at_column(n);
         let (uxt, theta) = rest.split_at_column(self.layout.start(1) - n);
         let (advance, corner, d, outputs) = (&self.advance, &mut self.corner, &mut self.d[..n], &mut self.outputs);
-        // The two parts of the first panel's columns have nothing to do with each other.
+        // The two parts of the first panel's columns are independent of each other.
         let (result, ()) = B::join(
             || {
                 let laid = corner.lay(advance, ux.view(), &transition.qbar)?;
@@ -258,7 +259,7 @@ impl<B: Backend> Triangular<B> {
         *self.direction.at_mut(place % n, place / n) = value;
     }
 
-    /// U diag(d) U^T in scalar `T`.
+    /// Returns U diag(d) U^T in scalar `T`.
     pub fn dense_in<T: Scalar>(&self) -> Dense<T> {
         let size = self.layout.size();
         let exactly = |x: B::Scalar| T::from_parts(x.to_parts());
@@ -275,13 +276,13 @@ impl<B: Backend> Triangular<B> {
         Dense::from_fn(size, size, |i, j| p.at(i.max(j), i.min(j)))
     }
 
-    /// d, then the columns of U down to the diagonal.
+    /// Returns d, followed by the columns of U down to the diagonal.
     pub fn state(&self) -> Vec<B::Scalar> {
         let columns = (0..self.d.len()).flat_map(|j| (0..=j).map(move |i| self.at(i, j)));
         self.d.iter().copied().chain(columns).collect()
     }
 
-    /// The inverse of `state`; false if the length is wrong.
+    /// Restores the numbers that `state` returned; returns false if their length is wrong.
     pub fn restore(&mut self, state: &[B::Scalar]) -> bool {
         let (size, n) = (self.d.len(), self.layout.n());
         if state.len() != size + size * (size + 1) / 2 {
@@ -298,7 +299,7 @@ impl<B: Backend> Triangular<B> {
         true
     }
 
-    /// The first entry of d that is not a number from zero up.
+    /// Returns the first entry of d that is negative or not finite.
     pub fn check(&self) -> Result<(), BadPivot> {
         match self.d.iter().position(|d| !(d.is_finite() && *d >= B::Scalar::zero())) {
             Some(index) => Err(BadPivot { index, value: self.d[index].to_f64() }),

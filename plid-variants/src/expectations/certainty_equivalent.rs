@@ -1,4 +1,5 @@
-//! The estimates from after the measurement in place of the parameters, as if they were certain: no covariances.
+//! The estimates after the measurement take the place of the parameters, as if they were certain. No covariances
+//! enter.
 
 use plid_core::kernels::Kernels;
 use plid_core::{
@@ -8,7 +9,8 @@ use plid_core::{
 
 use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_measurement};
 
-/// The estimates from after the measurement in place of the parameters, as if they were certain: no covariances.
+/// The estimates after the measurement take the place of the parameters, as if they were certain. No covariances
+/// enter.
 #[derive(Clone, Debug)]
 pub struct CertaintyEquivalent<S> {
     scratch: Scratch<S>,

@@ -1,4 +1,4 @@
-//! The joint extended Kalman filter: the model linearised about x+ and theta+.
+//! The joint extended Kalman filter, which linearises the model about x+ and theta+.
 
 use plid_core::kernels::Kernels;
 use plid_core::{
@@ -8,7 +8,7 @@ use plid_core::{
 
 use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_estimate};
 
-/// The joint extended Kalman filter: the model linearised about x+ and theta+.
+/// The joint extended Kalman filter, which linearises the model about x+ and theta+.
 #[derive(Clone, Debug)]
 pub struct JointEkf<S> {
     scratch: Scratch<S>,

@@ -1,6 +1,6 @@
-//! The conditional expectations, one file each. Which to take is a genuine choice.
+//! The conditional expectations, one file each. The choice among them is the user's.
 //!
-//! "Minus" is before the measurement z_k, "plus" after it.
+//! "Minus" denotes a quantity before the measurement z_k, and "plus" one after it.
 
 mod certainty_equivalent;
 mod joint_ekf;
@@ -17,13 +17,14 @@ pub use prior::Prior;
 use plid_core::kernels::{Kernels, axpy};
 use plid_core::{Dense, FormFacts, ImplicitModel, Matrix, Scalar, StepSize, StepView, Term, Transition};
 
-/// Column t of the parameters in s: a_1 .. a_p, then b_1 .. b_m.
+/// Returns column t of the parameters in s, which are a_1 .. a_p followed by b_1 .. b_m.
 fn parameter<S>(s: &[S], n: usize, t: usize) -> &[S] {
     &s[(1 + t) * n..(2 + t) * n]
 }
 
-/// What E[G] with the parameters of `step.s` makes of the noise given w: the columns of Abar, a_i - (B L + M)_i, or a_i
-/// where output i is missing, and Qbar = Sigma' + B Q' B^T + B S' + (B S')^T, which is E[G] (Q0 - S R^-1 S^T) E[G]^T.
+/// Computes the effect of the noise given w, with E[G] from the parameters of `step.s`. It gives the columns of Abar,
+/// which are a_i - (B L + M)_i, or a_i if output i is missing, and Qbar = Sigma' + B Q' B^T + B S' + (B S')^T, which
+/// is E[G] (Q0 - S R^-1 S^T) E[G]^T.
 fn condition_on_sensor_noise<S: Kernels>(
     step: &StepView<'_, S>,
     scratch: &mut Scratch<S>,
@@ -44,7 +45,7 @@ fn condition_on_sensor_noise<S: Kernels>(
     for c in 0..n {
         transition.qbar.column_mut(c).copy_from_slice(noise.state_given().column(c));
     }
-    // With T_j = (B Q')_j / 2 + S'_j all of the rest is the sum of b_j T_j^T and its transpose.
+    // With T_j = (B Q')_j / 2 + S'_j, the remaining terms are the sum of b_j T_j^T and its transpose.
     let half = S::from_f64(0.5);
     for j in 0..m {
         let b = parameter(s, n, p + j);
@@ -79,8 +80,8 @@ impl<S: Scalar> Scratch<S> {
     }
 }
 
-/// The weights of the parameters' covariances where E[.] is not conditioned on z_k: Q0_ab sigma_a sigma_b, sigma = -1
-/// for w and +1 for v. Missing outputs have none.
+/// Computes the weights of the parameters' covariances if E[.] is not conditioned on z_k. They are Q0_ab sigma_a
+/// sigma_b with sigma = -1 for w and +1 for v, and zero for missing outputs.
 fn unconditioned_weights<S: Scalar>(step: &StepView<'_, S>, weights: &mut Dense<S>) {
     let noise = step.noise;
     let (p, m) = (step.model.outputs(), step.model.inputs());
@@ -102,7 +103,8 @@ fn unconditioned_weights<S: Scalar>(step: &StepView<'_, S>, weights: &mut Dense<
     }
 }
 
-/// phi = [z; u], x+_{c_i} in place of a missing z_i, and d = E[G] S R^-1 (z - C x+), which is the sum of -abar_i r_i.
+/// Sets phi = [z; u], with x+_{c_i} in place of a missing z_i, and d = E[G] S R^-1 (z - C x+), which is the sum of
+/// -abar_i r_i.
 fn regress_on_measurement<S: Scalar>(step: &StepView<'_, S>, transition: &mut Transition<S>) {
     let StepView { model, noise, s, z, u, residual } = step;
     let p = model.outputs();
@@ -117,7 +119,7 @@ fn regress_on_measurement<S: Scalar>(step: &StepView<'_, S>, transition: &mut Tr
     }
 }
 
-/// phi = [C x+; u + L r] and d = M r.
+/// Sets phi = [C x+; u + L r] and d = M r.
 fn regress_on_estimate<S: Scalar>(step: &StepView<'_, S>, transition: &mut Transition<S>) {
     let StepView { model, noise, s, u, residual, .. } = step;
     let p = model.outputs();
@@ -133,13 +135,13 @@ fn regress_on_estimate<S: Scalar>(step: &StepView<'_, S>, transition: &mut Trans
     }
 }
 
-/// b_j (half b_j Q' + S')^T and its transpose for each input: a triangle each.
+/// Counts b_j (half b_j Q' + S')^T and its transpose for each input, with one triangle each.
 fn noise_flops(size: &StepSize, _form: &FormFacts) -> Vec<Term> {
     vec![Term { what: "B Q' B^T", flops: 2.0 * size.m * size.n * size.n }]
 }
 
-/// The terms of [`noise_flops`], and the blocks of P. Pairs of parameter columns count where their noises are
-/// correlated.
+/// Returns the terms of [`noise_flops`] and those of the blocks of P. A pair of parameter columns counts only if
+/// their noises are correlated.
 fn unconditioned_flops(size: &StepSize, form: &FormFacts) -> Vec<Term> {
     let c = size.columns();
     let pairs = if size.full_noise { c * (c - 1.0) / 2.0 } else { 0.0 };

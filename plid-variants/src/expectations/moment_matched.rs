@@ -1,4 +1,4 @@
-//! psi = Z^k throughout: the exact second moments of the next state if s given Z^k is Gaussian.
+//! Moment matching, psi = Z^k throughout: the second moments of the next state are exact if s given Z^k is Gaussian.
 
 use plid_core::kernels::{Kernels, axpy};
 use plid_core::{
@@ -12,7 +12,7 @@ use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_estimate
 ///
 /// The row g_t that multiplies parameter column t is e_{c_i}^T for a_i and -(L C)_j for b_j: a combination of the
 /// outputs' rows, g_t = sum_i W_ti e_{c_i}^T. With E_ij = sum_t W_tj P_{theta_t, x_{c_i}} the two sums over parameter
-/// pairs become the sum over s, t of (W H P H^T W^T)_st P_{theta_s theta_t}, and the sum over i, j of E_ij E_ji^T; the
+/// pairs become the sum over s, t of (W H P H^T W^T)_st P_{theta_s theta_t} and the sum over i, j of E_ij E_ji^T. The
 /// drift is the sum of E_ii.
 #[derive(Clone, Debug)]
 pub struct MomentMatched<S> {
@@ -26,7 +26,7 @@ pub struct MomentMatched<S> {
     weights: Dense<S>,
     /// E_ij in column i p + j, n x p^2.
     crossed: Dense<S>,
-    /// E_ji in that column.
+    /// E_ji in the same column.
     swapped: Dense<S>,
 }
 
@@ -115,12 +115,13 @@ impl<S: Kernels> ConditionalExpectations for MomentMatched<S> {
 impl<S: Kernels> Expectation for MomentMatched<S> {
     const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = |size, form| {
         let (n, p, c) = (size.n, size.p, size.columns());
-        // Given the measurement, the outputs' noises are correlated through P, and the inputs' with them through R.
+        // Given the measurement, the noises of the outputs are correlated through P, and those of the inputs are
+        // correlated with them through R.
         let pairs = if size.full_noise { c * (c - 1.0) / 2.0 } else { p * (p - 1.0) / 2.0 };
         let mut terms = noise_flops(size, form);
         terms.extend((form.parameter_blocks)(size, pairs));
         terms.extend((form.output_columns)(size));
-        // E_ij E_ji^T for each pair of outputs: a triangle each.
+        // E_ij E_ji^T for each pair of outputs, with one triangle each.
         terms.push(Term { what: "products of the crossed covariances", flops: p * p * n * n });
         terms
     };

@@ -1,4 +1,4 @@
-//! The expectation of Eq. 8-10 with psi = Z^k for the parameters only: estimates and covariances from after the
+//! The expectation of Eq. 8-10 with psi = Z^k for the parameters only, with estimates and covariances after the
 //! measurement.
 
 use plid_core::kernels::Kernels;
@@ -9,7 +9,7 @@ use plid_core::{
 
 use super::{Scratch, condition_on_sensor_noise, regress_on_measurement, unconditioned_flops, unconditioned_weights};
 
-/// The expectation of Eq. 8-10 with psi = Z^k for the parameters only: estimates and covariances from after the
+/// The expectation of Eq. 8-10 with psi = Z^k for the parameters only, with estimates and covariances after the
 /// measurement.
 #[derive(Clone, Debug)]
 pub struct Posterior<S> {

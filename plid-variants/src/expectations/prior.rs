@@ -1,4 +1,4 @@
-//! The expectation of Eq. 8-10 with psi = Z^{k-1}: parameters and their covariances from before the measurement.
+//! The expectation of Eq. 8-10 with psi = Z^{k-1}, with the parameters and their covariances before the measurement.
 
 use plid_core::kernels::Kernels;
 use plid_core::{
@@ -8,7 +8,7 @@ use plid_core::{
 
 use super::{Scratch, condition_on_sensor_noise, regress_on_measurement, unconditioned_flops, unconditioned_weights};
 
-/// The expectation of Eq. 8-10 with psi = Z^{k-1}: parameters and their covariances from before the measurement.
+/// The expectation of Eq. 8-10 with psi = Z^{k-1}, with the parameters and their covariances before the measurement.
 #[derive(Clone, Debug)]
 pub struct Prior<S> {
     scratch: Scratch<S>,

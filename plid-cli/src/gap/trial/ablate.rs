@@ -9,13 +9,13 @@ use plid_trial::score_without;
 use super::progress::Bar;
 use super::{Answered, Failure, Voice, diagnose, voice};
 
-/// Ablation: diagnose a trial again with one step off at a time, and score the results.
+/// Ablation: diagnose a trial again with one step switched off at a time, and score the results.
 ///
-/// The trial must have answers to all cases. It is diagnosed with nothing off (which must reproduce its answers) and
-/// with each step off, in a separate process that only knows T. These answers are kept in T/ablation, so that the same
-/// command continues after an interruption. Their hashes are recorded in S, and all are scored in the same way. Writes
-/// DIR/report.html and DIR/ablation.json: for each step, the changes in names, sets, false alarms and time, the cases
-/// that are better or worse without it, and a sign test.
+/// The trial must have answers to all cases. It is diagnosed with nothing switched off (which must reproduce its
+/// answers) and with each step switched off, in a separate process that knows only T. These answers are kept in
+/// T/ablation, so that the same command continues after an interruption. Their hashes are recorded in S, and all are
+/// scored in the same way. Writes DIR/report.html and DIR/ablation.json: for each step, the changes in names, sets,
+/// false alarms and time, the cases that are better or worse without it, and a sign test.
 #[derive(clap::Args)]
 #[command(after_help = help())]
 pub struct Arguments {

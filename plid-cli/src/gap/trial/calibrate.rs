@@ -7,9 +7,9 @@ use super::{Failure, Voice, voice};
 
 /// Fit the calibration of stated probabilities to trials, and check it on others.
 ///
-/// Each answer records what its probabilities rest on. A logistic regression finds how often such statements were
-/// right. Writes calibration.json (for plid-gap/src/judge), agreement.json and reliability.svg. The trials must not be
-/// those on which results are reported.
+/// Each answer records what its probabilities are based on. A logistic regression finds how often such statements
+/// were right. Writes calibration.json (for plid-gap/src/judge), agreement.json and reliability.svg. The trials must
+/// not be those on which results are reported.
 #[derive(clap::Args)]
 #[command(
     after_help = concat!(
@@ -55,8 +55,8 @@ fn summary(calibrated: &Calibrated) -> String {
     text
 }
 
-/// Returns a line of text: how many statements were right, the expected calibration error before and after and by
-/// chance alone, and the Brier score before and after.
+/// Returns a line of text: how many statements were right, the expected calibration error before the calibration,
+/// after it and by chance alone, and the Brier score before and after.
 fn line(agreement: &Agreement) -> String {
     let about = agreement.about.map_or("all", |about| about.name());
     let Agreement { right, before, after, by_chance, .. } = agreement;

@@ -34,7 +34,7 @@ pub struct Arguments {
     /// Leave out the simpler methods with which the diagnosis is compared.
     #[arg(long, conflicts_with = "off")]
     no_baselines: bool,
-    /// Diagnose with nothing off, and again with each of these steps off (separated by commas).
+    /// Diagnose with nothing switched off, and again with each of these steps switched off (separated by commas).
     #[arg(long, value_name = "STEP", value_delimiter = ',', conflicts_with = "shard")]
     off: Vec<Step>,
 }
@@ -74,7 +74,7 @@ fn tell(done: &Done, voice: Voice) -> Result<(), Failure> {
     ))
 }
 
-/// Cases at a time.
+/// Returns the number of cases diagnosed at a time.
 pub fn jobs(given: Option<usize>) -> Result<usize, Failure> {
     match given {
         Some(0) => Err(Failure::input("--jobs 0: give 1 or more")),

@@ -43,7 +43,7 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     ))
 }
 
-/// Draws into two directories, which must be new and apart.
+/// Draws into two directories. Both must be new, and neither may lie within the other.
 pub fn into(
     config: &TrialConfig,
     seed: Option<u64>,
@@ -70,7 +70,7 @@ pub fn into(
     })
 }
 
-/// Whether one directory lies within another, by whatever name.
+/// Whether one directory lies within another, whatever path names it.
 fn inside(one: &Path, other: &Path) -> Result<bool, Failure> {
     let real = |path: &Path| path.canonicalize().map_err(|error| Failure::file(path, &error));
     Ok(real(one)?.starts_with(real(other)?))

@@ -8,7 +8,7 @@ use super::{Failure, Voice, Which, diagnose, directory, draw, score};
 
 /// Draw, diagnose and score: DIR/trial, DIR/sealed, DIR/report.html.
 ///
-/// The diagnosis runs in a separate process that only knows DIR/trial.
+/// The diagnosis runs in a separate process that knows only DIR/trial.
 #[derive(clap::Args)]
 #[command(
     after_help = concat!(
