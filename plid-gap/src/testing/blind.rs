@@ -65,10 +65,15 @@ pub(super) fn integrate(model: &Model, u: &[Vec<f64>], force: Option<&dyn Fn(f64
 }
 
 fn case(seed: u64, noise: f64, truth: &Truth) -> Case {
+    case_of(seed, noise, truth, 1600)
+}
+
+/// Returns a case whose driven records have this number of samples.
+fn case_of(seed: u64, noise: f64, truth: &Truth, samples: usize) -> Case {
     let model = testing::truss(seed);
     let mut rng = ChaCha8Rng::seed_from_u64(seed + 77);
     let input = |k: usize| {
-        let samples = if k > 0 { 1600 } else { 1000 };
+        let samples = if k > 0 { samples } else { samples * 5 / 8 };
         testing::random_input(seed + 10 + k as u64, samples, model.m())
     };
     let measure = |_: usize, u: &Channels| {
@@ -260,7 +265,7 @@ fn units_order_and_basis_change_nothing() {
 fn more_noise_does_not_raise_confidence() {
     let (truth, _) = cubic(6, 0.06);
     let confidence = |noise: f64| {
-        let mut case = case(6, noise, &truth);
+        let mut case = case_of(6, noise, &truth, 2400);
         testing::only(&mut case, &RIVALS);
         let found = diagnosed(&case);
         found.effects.iter().find(|e| e.effect == "cubic-stiffness").map_or(0.0, |e| e.confidence)
