@@ -11,7 +11,7 @@ use crate::case::{Case, PortConfig};
 use crate::effects::Library;
 use crate::judge::verdict::Verdict;
 use crate::testing::blind::integrate;
-use crate::testing::{add_noise, case_of_axis, diagnosed, first_is, held, only, random_input};
+use crate::testing::{add_noise, case_of_axis, diagnosed, diagnosed_among, first_is, held, only, random_input};
 
 pub(super) const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
@@ -196,9 +196,9 @@ fn two_parts_of_a_strong_spring_are_found_behind_what_imitates_them() {
     }
     // Shorter records show this as well.
     let short = |record| vec![drawn(record)[0][..SAMPLES / 2].to_vec()];
-    let mut case = Axis { mass: 1.0, c: 0.6, k: 400.0, force: stiff, position: true }.case_of(short, |_| {});
-    only(&mut case, &["cubic-stiffness", "quadratic-stiffness", "one-sided-stop", "end-stop", "coulomb-friction"]);
-    let found = diagnosed(&case);
+    let case = Axis { mass: 1.0, c: 0.6, k: 400.0, force: stiff, position: true }.case_of(short, |_| {});
+    let rivals = ["cubic-stiffness", "quadratic-stiffness", "one-sided-stop", "end-stop", "coulomb-friction"];
+    let found = diagnosed_among(case, &rivals);
     assert!(found.gap.as_given > 0.4, "{}", found.sentence);
     assert_eq!(found.effects[0].effect, "cubic-stiffness", "{}", found.sentence);
     assert!(found.gap.with_effect < 0.1 * found.gap.as_given, "{}", found.sentence);
@@ -223,12 +223,9 @@ fn the_sine_of_gravity_is_told_from_a_cube_on_large_angles() {
     fn heavy(d: f64, _v: f64) -> f64 {
         HEAVY * (d - d.sin())
     }
-    let found = |k: f64, force: fn(f64, f64) -> f64| {
-        let mut case = pendulum(k, force).case();
-        let springs = ["gravity-sine", "cubic-stiffness", "quadratic-stiffness", "clearance", "added-stiffness"];
-        only(&mut case, &[&springs[..], &["coulomb-friction", "actuator-saturation", "sensor-saturation"]].concat());
-        diagnosed(&case)
-    };
+    let springs = ["gravity-sine", "cubic-stiffness", "quadratic-stiffness", "clearance", "added-stiffness"];
+    let rivals = [&springs[..], &["coulomb-friction", "actuator-saturation", "sensor-saturation"]].concat();
+    let found = |k: f64, force: fn(f64, f64) -> f64| diagnosed_among(pendulum(k, force).case(), &rivals);
     let light = found(LIGHT, light);
     let [gravity] = light.effects.as_slice() else { panic!("{}", light.sentence) };
     assert_eq!(
@@ -281,9 +278,7 @@ fn one_number_of_an_axis_is_named() {
             if effect == "added-stiffness" && k == 0.0 {
                 continue;
             }
-            let mut case = real.case_for(&simulated);
-            only(&mut case, &NUMBERS);
-            let found = diagnosed(&case);
+            let found = diagnosed_among(real.case_for(&simulated), &NUMBERS);
             let what = format!("{effect}, c {c}, k {k}, position {position}: {}", found.sentence);
             assert_eq!(found.verdict, Verdict::Effects, "{what}");
             let first = &found.effects[0];
@@ -344,9 +339,8 @@ fn a_reference_effect_that_runs_away_is_left_out() {
             let sent = u[0].iter().map(|u: &f64| u - u.clamp(-width, width)).collect();
             integrate(&slider.truth(), &[sent], None).0
         };
-        let mut case = case_of_axis(&slider.simulation(), |k| drawn(k + 10), run);
-        only(&mut case, &["actuator-dead-zone", "quadratic-stiffness", "cubic-stiffness"]);
-        let found = diagnosed(&case);
+        let case = case_of_axis(&slider.simulation(), |k| drawn(k + 10), run);
+        let found = diagnosed_among(case, &["actuator-dead-zone", "quadratic-stiffness", "cubic-stiffness"]);
         first_is(&found, "actuator-dead-zone", "input:u1");
         assert_eq!(found.gap.shrink_over.len(), compared, "{width}: {:?}", found.gap.shrink_over);
         assert!(found.gap.shrink_over.iter().all(|over| over.gap.is_finite()) && found.gap.placebo_shrink.is_finite());

@@ -16,7 +16,7 @@ use crate::judge::verdict::Verdict;
 use crate::plant::Plant;
 use crate::simulate::{Fineness, simulate};
 use crate::testing::axis::{Axis, RATE};
-use crate::testing::{diagnosed, first_is, only, random_input};
+use crate::testing::{diagnosed, diagnosed_among, first_is, only, random_input};
 
 const SAMPLES: usize = 2500;
 
@@ -233,9 +233,8 @@ fn friction_that_sticks_is_named_on_a_slider_under_control() {
 fn a_cubic_spring_is_named_on_an_unstable_pendulum() {
     let cube = smooth(PENDULUM, |d, _| -3e4 * d.powi(3));
     for given in [Given::References, Given::Commands] {
-        let mut case = read(written(&PENDULUM.simulation(), FIRM, &cube, 5e-5, given).path()).unwrap();
-        only(&mut case, &RIVALS);
-        let found = diagnosed(&case);
+        let case = read(written(&PENDULUM.simulation(), FIRM, &cube, 5e-5, given).path()).unwrap();
+        let found = diagnosed_among(case, &RIVALS);
         assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
         let first = first_is(&found, "cubic-stiffness", "input:u1");
         let value = first.parameters["k"].value;

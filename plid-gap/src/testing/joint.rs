@@ -6,7 +6,7 @@ use plid_model::Model;
 
 use crate::case::Case;
 use crate::case::record::Channels;
-use crate::testing::{case_of_axis, diagnosed, first_is, held, only, random_input};
+use crate::testing::{case_of_axis, diagnosed_among, first_is, held, random_input};
 
 const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
@@ -63,10 +63,9 @@ fn case() -> Case {
 /// The joint is named with its stiffness, its yield displacement and the share that the simulation contains.
 #[test]
 fn a_joint_that_the_simulation_takes_for_stuck_is_named_on_an_axis() {
-    let mut case = case();
     let rivals = ["iwan-joint", "clearance", "cubic-stiffness", "coulomb-friction", "stick-friction", "backlash"];
-    only(&mut case, &[&["joint-hysteresis", "added-stiffness", "added-damping"], &rivals[..]].concat());
-    let found = diagnosed(&case);
+    let all = [&["joint-hysteresis", "added-stiffness", "added-damping"], &rivals[..]].concat();
+    let found = diagnosed_among(case(), &all);
     let first = first_is(&found, "joint-hysteresis", "input:u1");
     let near = |name: &str, truth: f64| (first.parameters[name].value / truth - 1.0).abs() < 0.05;
     assert!(near("k", JOINT) && near("dy", YIELD) && near("s", 1.0), "{}", found.text());

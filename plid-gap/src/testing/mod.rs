@@ -114,6 +114,12 @@ pub fn diagnosed(case: &Case) -> Diagnosis {
     crate::diagnose(case, &Library::standard(), &mut |_| {}).unwrap().diagnosis
 }
 
+/// Diagnoses a case with [`only`] these effects.
+pub fn diagnosed_among(mut case: Case, effects: &[&str]) -> Diagnosis {
+    only(&mut case, effects);
+    diagnosed(&case)
+}
+
 /// Checks which effect is named first, and at which location. Returns this effect.
 pub fn first_is<'d>(found: &'d Diagnosis, effect: &str, location: &str) -> &'d NamedEffect {
     let first = &found.effects[0];
