@@ -1,4 +1,5 @@
-//! Matrix backends of plid, one file each and each behind its feature: nalgebra, faer, and plain loops for any scalar.
+//! The matrix backends of plid, one per file: plain loops for any scalar and, each behind its feature, the same loops
+//! on two threads, nalgebra and faer.
 
 #[cfg(feature = "faer")]
 mod faer_backend;

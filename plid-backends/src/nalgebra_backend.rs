@@ -42,7 +42,7 @@ fn view<S: Scalar + RealField>(v: View<'_, S>) -> DMatrixView<'_, S, nalgebra::U
     )
 }
 
-/// Row `j` as a column. nalgebra's own transpose of a view would allocate.
+/// Returns row `j` as a column. nalgebra's own transpose of a view would allocate.
 fn row_as_column<S: Scalar + RealField>(v: View<'_, S>, j: usize) -> MatrixView<'_, S, Dyn, nalgebra::U1, Dyn, Dyn> {
     let strides = (Dyn(v.stride()), Dyn(v.data().len()));
     MatrixView::from_slice_with_strides_generic(&v.data()[j..], Dyn(v.columns()), nalgebra::U1, strides.0, strides.1)

@@ -1,14 +1,14 @@
-//! A matrix library under the recursion: storage, and a few coarse in-place kernels.
+//! The interface to a matrix library: storage and a few coarse in-place kernels.
 //!
-//! Every kernel has a plain body over column slices, in [`kernels`]. A backend overrides those that its library does
-//! better; a new backend only needs its storage at first.
+//! Every kernel has a plain body over column slices, in [`kernels`]. A backend overrides the kernels that its library
+//! does better, so a new backend at first needs only its storage.
 
 use std::fmt::Debug;
 
 use crate::kernels::{Kernels, Support, Tails};
 use crate::{Matrix, View, ViewMut};
 
-/// Storage and kernels. Nothing here allocates.
+/// Storage and kernels. No method allocates.
 pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
     /// The number type.
     type Scalar: Kernels;
@@ -16,13 +16,14 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
     /// The matrix that holds P in one of its forms.
     type Matrix: Matrix<Self::Scalar>;
 
-    /// Does both, on two threads where the backend has them. The order of all sums is the same either way.
+    /// Calls both functions, in parallel if the backend has two threads. The order of all sums is the same either
+    /// way.
     fn join<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
         (a(), b())
     }
 
-    /// C <- C + alpha A B^T for a product that is symmetric. A and B are N x k. The lower triangle of C (N x N) is
-    /// changed; the strict upper one stays as it is.
+    /// Computes C <- C + alpha A B^T for a product that is symmetric. A and B are N x k. The lower triangle of C (N x
+    /// N) is changed; the strict upper triangle is not.
     fn symmetric_product_lower(
         c: ViewMut<'_, Self::Scalar>,
         alpha: Self::Scalar,
@@ -30,7 +31,7 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         b: View<'_, Self::Scalar>,
     ) {
         let size = c.columns();
-        // Where the columns before hold half of the triangle.
+        // The columns before `half` contain half of the triangle.
         let half = size - (size as f64 * f64::sqrt(0.5)) as usize;
         let (first, mut second) = c.split_at_column(half);
         let second = second.block_mut(half, 0, size - half, size - half);
@@ -41,8 +42,8 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         );
     }
 
-    /// Y <- Y + M (phi (x) I)^T for a symmetric M of which the lower triangle is stored, with zeros above it. M is kn x
-    /// kn, phi has k entries, Y is kn x n; `work` holds n x kc, for c columns of Y at a time.
+    /// Computes Y <- Y + M (phi (x) I)^T for a symmetric M whose lower triangle is stored, with zeros above it. M is
+    /// kn x kn, phi has k entries, and Y is kn x n. `work` is n x kc, for c columns of Y at a time.
     fn block_product_lower(
         m: View<'_, Self::Scalar>,
         phi: &[Self::Scalar],
@@ -70,9 +71,9 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         }
     }
 
-    /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the first n rows of W (n x r), whose
-    /// columns have these weights: U unit upper triangular and d with U diag(d) U^T = W diag(weights) W^T. W may have
-    /// further rows; those of U are then zero. `w` is destroyed; `work` has 4r + rows(W) entries.
+    /// Computes the unit upper triangular U and the d with U diag(d) U^T = W diag(weights) W^T by modified weighted
+    /// Gram-Schmidt orthogonalisation (Thornton; Bierman 1977, ch. VI) of the first n rows of W (n x r). If W has
+    /// further rows, those of U are zero. `w` is destroyed; `work` has 4r + rows(W) entries.
     fn weighted_gram_schmidt(
         w: ViewMut<'_, Self::Scalar>,
         support: Support<'_>,
@@ -84,8 +85,8 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         Self::Scalar::weighted_gram_schmidt(w, support, weights, u, d, work);
     }
 
-    /// The upper triangular S (n x n) with S S^T = W W^T, by Householder reflections of the columns of W (n x r, r >=
-    /// n). W may have further rows; those of S are then zero. `w` is destroyed; `work` has 2r + rows(W) entries.
+    /// Computes the upper triangular S (n x n) with S S^T = W W^T by Householder reflections of the columns of W (n x
+    /// r, r >= n). If W has further rows, those of S are zero. `w` is destroyed; `work` has 2r + rows(W) entries.
     fn triangular_factor(
         w: ViewMut<'_, Self::Scalar>,
         n: usize,

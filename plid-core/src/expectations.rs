@@ -1,5 +1,5 @@
-//! The trait of the conditional expectations E[G] and E[G Q0 G^T]: what is taken as known of the parameters when the
-//! noise enters.
+//! The trait of the conditional expectations E[G] and E[G Q0 G^T], which determine what is taken as known of the
+//! parameters when noise multiplies them.
 
 use crate::kernels::Kernels;
 use crate::{CovariancePropagation, Dense, ImplicitModel, NoiseTerms, ScalarOf, Transition, ViewMut};
@@ -9,24 +9,25 @@ use crate::{CovariancePropagation, Dense, ImplicitModel, NoiseTerms, ScalarOf, T
 pub struct StepView<'a, S> {
     /// The structure.
     pub model: &'a dyn ImplicitModel,
-    /// The noise, for the available outputs.
+    /// The noise terms of the available outputs.
     pub noise: &'a NoiseTerms<S>,
     /// The estimate of s = [x; theta], N entries, at the time of the call.
     pub s: &'a [S],
-    /// The measurement z_k, p entries; those of missing outputs mean nothing.
+    /// The measurement z_k, p entries; those of missing outputs are meaningless.
     pub z: &'a [S],
     /// The input u_k, m entries.
     pub u: &'a [S],
-    /// r = z - C x after the measurement update, one entry an available output; before it, the innovation.
+    /// The residual r = z - C x after the measurement update, with one entry per available output; before the update,
+    /// the innovation.
     pub residual: &'a [S],
 }
 
 /// The blocks of P that a conditional expectation may ask for.
 pub trait CovarianceBlocks<S> {
-    /// As [`CovariancePropagation::output_columns`].
+    /// Does the same as [`CovariancePropagation::output_columns`].
     fn output_columns(&self, rows: &[usize], out: ViewMut<'_, S>);
 
-    /// As [`CovariancePropagation::add_parameter_blocks`].
+    /// Does the same as [`CovariancePropagation::add_parameter_blocks`].
     fn add_parameter_blocks(&mut self, weights: &Dense<S>, out: ViewMut<'_, S>);
 }
 
@@ -40,10 +41,10 @@ impl<C: CovariancePropagation + ?Sized> CovarianceBlocks<ScalarOf<C>> for &mut C
     }
 }
 
-/// `E[G]`, `E[G Q0 G^T]`, the regressor and the drift.
+/// The conditional expectations `E[G]` and `E[G Q0 G^T]`, the regressor and the drift.
 ///
-/// The two calls of a step fill one [`Transition`] between them: `before` sees s- and P-, `after` sees s+ and P+. Write
-/// every field; the transition is not cleared between steps. Neither call may allocate.
+/// The two calls of a step together fill one [`Transition`]: `before` receives s- and P-, and `after` receives s+ and
+/// P+. They must write every field, because the transition is not cleared between steps, and they must not allocate.
 pub trait ConditionalExpectations: Send + Sync + 'static {
     /// The number type.
     type Scalar: Kernels;
@@ -53,12 +54,12 @@ pub trait ConditionalExpectations: Send + Sync + 'static {
     where
         Self: Sized;
 
-    /// Scratch space for the shapes of `model`.
+    /// Creates the scratch space for a model of the size of `model`.
     fn new(model: &dyn ImplicitModel, options: &Self::Options) -> Self
     where
         Self: Sized;
 
-    /// Called before the measurement update; most expectations do not need it.
+    /// Computes what requires the estimate before the measurement update; most expectations need nothing from it.
     fn before(
         &mut self,
         _step: &StepView<'_, Self::Scalar>,
@@ -67,7 +68,7 @@ pub trait ConditionalExpectations: Send + Sync + 'static {
     ) {
     }
 
-    /// Called after the measurement update.
+    /// Computes what requires the estimate after the measurement update.
     fn after(
         &mut self,
         step: &StepView<'_, Self::Scalar>,

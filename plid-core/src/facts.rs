@@ -1,9 +1,9 @@
 //! Facts about a variant that a catalogue and the studies need in addition to its arithmetic. Every item is required:
-//! a variant that lacks one does not compile into a catalogue.
+//! a variant that lacks one does not compile as part of a catalogue.
 
 use crate::{Checkpointed, ConditionalExpectations, CovariancePropagation, Dense, Health, Inspect};
 
-/// The sizes on which the operations of a step depend.
+/// The sizes that determine the number of operations of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepSize {
     /// The number of states n.
@@ -12,22 +12,23 @@ pub struct StepSize {
     pub p: f64,
     /// The number of inputs m.
     pub m: f64,
-    /// Whether no covariance of the noise is zero; else R, Q and Sigma are diagonal and there are no others.
+    /// Whether all noise covariances are full. Otherwise R, Q and Sigma are diagonal and the cross-covariances are
+    /// zero.
     pub full_noise: bool,
 }
 
 impl StepSize {
-    /// The number of parameter columns, p + m.
+    /// Returns the number of parameter columns, p + m.
     pub fn columns(&self) -> f64 {
         self.p + self.m
     }
 
-    /// The number of entries of s, N = (p + m + 1) n.
+    /// Returns the number of entries of s, N = (p + m + 1) n.
     pub fn joint(&self) -> f64 {
         (self.columns() + 1.0) * self.n
     }
 
-    /// The number of entries of P's lower triangle.
+    /// Returns the number of entries of P's lower triangle.
     pub fn triangle(&self) -> f64 {
         self.joint() * (self.joint() + 1.0) / 2.0
     }
@@ -36,9 +37,9 @@ impl StepSize {
 /// One part of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Term {
-    /// The operation.
+    /// The name of the operation.
     pub what: &'static str,
-    /// Its operations; a multiplication and an addition are two.
+    /// The number of floating-point operations; a multiplication and an addition are two.
     pub flops: f64,
 }
 
@@ -46,15 +47,15 @@ pub struct Term {
 /// known".
 #[derive(Clone, Copy, Debug)]
 pub struct FormFacts {
-    /// Whether a factor of P is carried. Then P is positive as long as its pivots are, and parameter noise enters one
-    /// parameter at a time.
+    /// Whether a factor of P is propagated. P is then positive as long as the pivots of the factor are, and parameter
+    /// noise is added to one parameter at a time.
     pub factored: bool,
     /// The operations of both updates.
     pub updates: fn(&StepSize) -> Vec<Term>,
-    /// Those of [`CovariancePropagation::add_parameter_blocks`], where this number of pairs of different parameter
-    /// columns have a weight.
+    /// The operations of [`CovariancePropagation::add_parameter_blocks`]; the second argument is the number of pairs
+    /// of different parameter columns with a nonzero weight.
     pub parameter_blocks: fn(&StepSize, f64) -> Vec<Term>,
-    /// Those of [`CovariancePropagation::output_columns`] for all outputs.
+    /// The operations of [`CovariancePropagation::output_columns`] for all outputs.
     pub output_columns: fn(&StepSize) -> Vec<Term>,
 }
 
@@ -70,8 +71,8 @@ pub trait Expectation: ConditionalExpectations {
     const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term>;
 }
 
-/// A [`Form`] whose type is not known, for a choice at run time: as a trait object it takes the place of the form in an
-/// [`Identifier`](crate::Identifier).
+/// A [`Form`] whose type is not known at compile time. As a trait object, it takes the place of the form in an
+/// [`Identifier`](crate::Identifier), so that the form can be chosen at run time.
 pub trait AnyForm: Checkpointed {
     /// Returns P in the form's own scalar.
     fn own_dense(&self) -> Dense<Self::Scalar>;

@@ -2,7 +2,7 @@
 
 use crate::{Dense, ImplicitModel, Matrix, Scalar};
 
-/// x_{k+1} = A x_k + B u_k, y_k = C x_k in the canonical form, with its accuracy where known.
+/// The model x_{k+1} = A x_k + B u_k, y_k = C x_k in the canonical form, with the covariance of its estimate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IdentifiedModel {
     /// A, n x n.
@@ -18,7 +18,7 @@ pub struct IdentifiedModel {
 }
 
 impl IdentifiedModel {
-    /// A = J + sum_i a_i e_{c_i}^T, B = [b_1 .. b_m], C from the rows that the outputs read.
+    /// Forms A = J + sum_i a_i e_{c_i}^T, B = [b_1 .. b_m], and C from the states that the outputs read.
     pub fn from_estimate<S: Scalar>(model: &dyn ImplicitModel, s: &[S], covariance: &Dense<S>) -> Self {
         let (n, m, p) = (model.states(), model.inputs(), model.outputs());
         let mut a = Dense::zeros(n, n);
@@ -43,7 +43,7 @@ impl IdentifiedModel {
         }
     }
 
-    /// The parameters [a_1; ..; a_p; b_1; ..; b_m], (p + m) n entries: the inverse of
+    /// Returns the parameters [a_1; ..; a_p; b_1; ..; b_m], (p + m) n entries. This is the inverse of
     /// [`IdentifiedModel::from_estimate`].
     pub fn parameters(&self, model: &dyn ImplicitModel) -> Vec<f64> {
         let mut parameters = Vec::with_capacity(model.parameter_columns() * model.states());

@@ -1,5 +1,5 @@
-//! The one loop: expectations that need P before the measurement, measurement update, expectations that need P
-//! after it, time update.
+//! The recursion. A step consists of the expectations that need P before the measurement, the measurement update, the
+//! expectations that need P after it, and the time update.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,26 +10,26 @@ use crate::{
     StepView, Transition, Unsupported,
 };
 
-/// Everything that can go wrong in the recursion.
+/// The errors of the recursion.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum IdentifierError {
-    /// The noise model is not one.
+    /// The noise model is invalid.
     #[error(transparent)]
     Noise(#[from] NoiseError),
     /// A vector has the wrong number of entries.
     #[error("{name} has {found} entries; {expected} are needed")]
     Length {
-        /// Which vector.
+        /// The name of the vector.
         name: &'static str,
-        /// Its entries.
+        /// The number of its entries.
         found: usize,
-        /// Those needed.
+        /// The number of entries needed.
         expected: usize,
     },
-    /// A number that must be positive is not.
+    /// A setting is outside its range.
     #[error("{name} is {value}; it must be {range}")]
     Range {
-        /// Which number.
+        /// The name of the setting.
         name: &'static str,
         /// Its value.
         value: f64,
@@ -39,7 +39,7 @@ pub enum IdentifierError {
     /// P0 is not positive semidefinite.
     #[error("the initial covariance is not positive semidefinite (pivot {value:.3e} at entry {index} of s, from 0)")]
     InitialCovariance {
-        /// The entry of s.
+        /// The entry of s, from 0.
         index: usize,
         /// The pivot.
         value: f64,
@@ -52,12 +52,12 @@ pub enum IdentifierError {
         /// Column, from 1.
         column: usize,
     },
-    /// An input or an output that is not marked as missing is NaN or infinite.
+    /// An input, or an output that is not marked as missing, is NaN or infinite.
     #[error("step {step}: {channel} is {value}")]
     NotFinite {
         /// The step, from 0.
         step: u64,
-        /// The channel: "input 2" or "output 1", from 1.
+        /// The channel, such as "input 2" or "output 1", from 1.
         channel: String,
         /// The value.
         value: f64,
@@ -79,7 +79,7 @@ pub enum IdentifierError {
     Diverged {
         /// The step, from 0.
         step: u64,
-        /// The entry of s.
+        /// The entry of s, from 0.
         index: usize,
     },
     /// The settings require an operation that the covariance form does not have.
@@ -93,19 +93,20 @@ pub enum IdentifierError {
 /// The initial conditions and options of a run, apart from structure and noise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// P0.
+    /// The initial covariance P0.
     pub initial_covariance: InitialCovariance,
-    /// The first estimate of s, N entries.
+    /// The initial estimate of s, N entries.
     pub initial_estimate: Vec<f64>,
-    /// Variance added to each parameter's variance a step (the paper's remedy for finite precision); 0 for none.
+    /// The variance that is added to the variance of each parameter at each step (the paper's remedy for finite
+    /// precision); 0 for none.
     pub parameter_noise: f64,
-    /// Exponential forgetting: P is divided by this each step; 1 for none.
+    /// The factor of exponential forgetting, by which P is divided at each step; 1 for none.
     pub forgetting: f64,
 }
 
 impl Settings {
-    /// Zero estimate, variance `state` for each entry of x and `parameter` for each of theta, no parameter noise, no
-    /// forgetting.
+    /// Returns settings with a zero estimate, the variance `state` for each entry of x and `parameter` for each entry
+    /// of theta, no parameter noise and no forgetting.
     pub fn new(model: &dyn ImplicitModel, state: f64, parameter: f64) -> Self {
         let (n, joint) = (model.states(), model.joint_states());
         let mut diagonal = vec![parameter; joint];
@@ -118,7 +119,8 @@ impl Settings {
         }
     }
 
-    /// As [`Settings::new`], with the redundant parameters of `form` fixed at zero, which makes the form unique.
+    /// Returns the settings of [`Settings::new`] with the redundant parameters of `form` fixed at zero, which makes
+    /// the form unique.
     pub fn of_unique_form(form: &ObservableForm, state: f64, parameter: f64) -> Self {
         let n = form.states();
         let mut settings = Self::new(form, state, parameter);
@@ -132,9 +134,9 @@ impl Settings {
         settings
     }
 
-    /// Returns the settings for the next record: the parameters as identified so far, with their covariance times
-    /// `widening`, and the state as uncertain as in these settings. `widening` is 1, or larger if the plant may have
-    /// changed between the records.
+    /// Returns the settings for the next record: the parameters identified so far with their covariance times
+    /// `widening`, and a zero state with the variances of these settings. `widening` is 1, or larger if the plant may
+    /// have changed between the records.
     pub fn carry_over(&self, model: &dyn ImplicitModel, former: &IdentifiedModel, widening: f64) -> Self {
         let (n, size) = (model.states(), model.joint_states());
         let state_variance = |i: usize| match &self.initial_covariance {
@@ -176,7 +178,7 @@ impl Settings {
     }
 }
 
-/// Everything that is needed to continue a run with the same bits.
+/// The data that are needed to continue a run with bit-identical results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
     step: u64,
@@ -185,15 +187,15 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// The steps done.
+    /// Returns the number of completed steps.
     pub fn step(&self) -> u64 {
         self.step
     }
 }
 
-/// A PLID run over covariance form `C`, conditional expectation `E` and implicit model `M`.
+/// A PLID run with covariance form `C`, conditional expectation `E` and implicit model `M`.
 ///
-/// `C` and `E` may be trait objects, for a choice at run time: see [`Identifier::begin`].
+/// `C` and `E` may be trait objects, for a choice at run time; see [`Identifier::begin`].
 #[derive(Clone, Debug)]
 pub struct Identifier<C: CovariancePropagation + ?Sized, E: ?Sized, M = ObservableForm> {
     model: M,
@@ -204,7 +206,7 @@ pub struct Identifier<C: CovariancePropagation + ?Sized, E: ?Sized, M = Observab
     parameter_noise: ScalarOf<C>,
     inverse_forgetting: ScalarOf<C>,
     step: u64,
-    // Scratch of a step.
+    // Scratch space of a step.
     transition: Transition<ScalarOf<C>>,
     rows: Vec<usize>,
     z: Vec<ScalarOf<C>>,
@@ -219,18 +221,19 @@ where
     E: ConditionalExpectations<Scalar = ScalarOf<C>>,
     M: ImplicitModel,
 {
-    /// A run that is about to take its first sample.
+    /// Creates a run that is ready for its first sample.
     ///
     /// # Errors
-    /// An invalid noise model, initial estimate, covariance, forgetting factor or parameter noise.
+    /// Returns an error for an invalid noise model, initial estimate, covariance, forgetting factor or parameter
+    /// noise.
     pub fn new(model: M, noise: &NoiseModel, settings: &Settings) -> Result<Self, IdentifierError> {
         Self::with_options(model, noise, settings, &C::Options::default(), &E::Options::default())
     }
 
-    /// A run that is about to take its first sample, with options of the form and of the expectation.
+    /// Creates a run that is ready for its first sample, with options of the form and of the expectation.
     ///
     /// # Errors
-    /// As [`Identifier::new`].
+    /// Returns the errors of [`Identifier::new`].
     pub fn with_options(
         model: M,
         noise: &NoiseModel,
@@ -250,11 +253,11 @@ where
     E: ConditionalExpectations<Scalar = ScalarOf<C>> + ?Sized,
     M: ImplicitModel,
 {
-    /// A run that is about to take its first sample, with an existing expectation and the form that `covariance` makes
-    /// of the structure and P0 once these have been checked.
+    /// Creates a run that is ready for its first sample, with an existing expectation. `covariance` creates the form
+    /// from the structure and P0 after both have been checked.
     ///
     /// # Errors
-    /// As [`Identifier::new`].
+    /// Returns the errors of [`Identifier::new`].
     pub fn begin(
         model: M,
         noise: &NoiseModel,
@@ -286,19 +289,19 @@ where
         })
     }
 
-    /// Takes the outputs z_k (p) and the inputs u_k (m) of one sample.
+    /// Processes the outputs z_k (p) and the inputs u_k (m) of one sample.
     ///
     /// # Errors
-    /// [`IdentifierError`] with the step, and the channel or the pivot. After an error the estimate is not to be used.
+    /// Returns an [`IdentifierError`] with the step, and with the channel or the pivot. After an error, the estimate
+    /// must not be used.
     pub fn step(&mut self, z: &[f64], u: &[f64]) -> Result<(), IdentifierError> {
         self.take(z, u, false)
     }
 
-    /// Takes a step in which a NaN among the outputs means that this output is missing. The step updates with the
-    /// others.
+    /// Processes a sample in which a NaN among the outputs marks a missing output. The update uses the other outputs.
     ///
     /// # Errors
-    /// As [`Identifier::step`].
+    /// Returns the errors of [`Identifier::step`].
     pub fn step_with_missing(&mut self, z: &[f64], u: &[f64]) -> Result<(), IdentifierError> {
         self.take(z, u, true)
     }
@@ -331,7 +334,7 @@ where
         Ok(())
     }
 
-    /// Checks and stores a sample, and finds the outputs that are available.
+    /// Checks and stores a sample, and determines the available outputs.
     fn accept(&mut self, z: &[f64], u: &[f64], nan_is_missing: bool) -> Result<(), IdentifierError> {
         check_length("the outputs", z.len(), self.model.outputs())?;
         check_length("the inputs", u.len(), self.model.inputs())?;
@@ -371,7 +374,7 @@ where
         call(&mut self.expectations, &view, &mut &mut *self.covariance, &mut self.transition);
     }
 
-    /// z - C x of the available outputs; returns how many.
+    /// Computes z - C x for the available outputs, and returns their number.
     fn form_residual(&mut self) -> usize {
         let available = self.noise.available();
         for (k, (&i, &row)) in available.iter().zip(&self.rows).enumerate() {
@@ -380,7 +383,7 @@ where
         available.len()
     }
 
-    /// x <- J x + sum_k phi_k theta_k + d.
+    /// Computes x <- J x + sum_k phi_k theta_k + d.
     fn advance_estimate(&mut self) {
         let n = self.model.states();
         let (x, theta) = self.s.split_at_mut(n);
@@ -391,55 +394,55 @@ where
         axpy(num_traits::One::one(), &self.transition.drift, x);
     }
 
-    /// Sets another noise model from the next step on, so that the noise may vary from step to step. Allocates only on
-    /// error.
+    /// Replaces the noise model from the next step on, so that the noise may vary from step to step. Allocates only
+    /// on error.
     ///
     /// # Errors
-    /// A noise model that cannot be; the former one then stays.
+    /// Returns an error for an invalid noise model; the previous one is then kept.
     pub fn set_noise(&mut self, noise: &NoiseModel) -> Result<(), IdentifierError> {
         Ok(self.noise.set(noise)?)
     }
 
-    /// The innovation z - C x- of the last step, p entries, NaN where an output was missing.
+    /// Returns the innovation z - C x- of the last step (p entries), NaN where an output was missing.
     pub fn innovation(&self) -> &[f64] {
         &self.innovation
     }
 
-    /// The estimate of s = [x; a_1 .. a_p; b_1 .. b_m] that predicts the next sample, N entries.
+    /// Returns the estimate of s = [x; a_1 .. a_p; b_1 .. b_m] that predicts the next sample, N entries.
     pub fn estimate(&self) -> &[ScalarOf<C>] {
         &self.s
     }
 
-    /// The covariance of the estimate, in its form.
+    /// Returns the covariance of the estimate, in its form.
     pub fn covariance(&self) -> &C {
         &self.covariance
     }
 
-    /// The structure.
+    /// Returns the structure.
     pub fn model(&self) -> &M {
         &self.model
     }
 
-    /// The samples taken.
+    /// Returns the number of samples processed.
     pub fn steps(&self) -> u64 {
         self.step
     }
 }
 
 impl<C: Inspect, E: ?Sized, M: ImplicitModel> Identifier<C, E, M> {
-    /// The current numerical condition of P.
+    /// Returns the current numerical condition of P.
     pub fn health(&self) -> Health {
         self.covariance.health()
     }
 
-    /// The model that belongs to the current estimate, with the covariance of its parameters.
+    /// Returns the model that belongs to the current estimate, with the covariance of s.
     pub fn identified(&self) -> IdentifiedModel {
         IdentifiedModel::from_estimate(&self.model, &self.s, &self.covariance.dense())
     }
 }
 
 impl<C: Checkpointed + ?Sized, E: ?Sized, M: ImplicitModel> Identifier<C, E, M> {
-    /// Everything that is needed to continue later.
+    /// Returns a checkpoint, from which the run can be continued later.
     pub fn checkpoint(&self) -> Checkpoint {
         Checkpoint {
             step: self.step,
@@ -448,10 +451,10 @@ impl<C: Checkpointed + ?Sized, E: ?Sized, M: ImplicitModel> Identifier<C, E, M> 
         }
     }
 
-    /// Continues from a checkpoint of an identifier of the same types and structure.
+    /// Restores the state of a checkpoint from an identifier of the same types and structure.
     ///
     /// # Errors
-    /// A checkpoint of another size; nothing is changed then.
+    /// Returns an error for a checkpoint of another size; nothing is then changed.
     pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), IdentifierError> {
         if checkpoint.estimate.len() != self.s.len() {
             return Err(IdentifierError::Checkpoint("its estimate has another length"));
@@ -468,7 +471,7 @@ impl<C: Checkpointed + ?Sized, E: ?Sized, M: ImplicitModel> Identifier<C, E, M> 
     }
 }
 
-/// [`ConditionalExpectations::before`] or [`ConditionalExpectations::after`].
+/// The signature of [`ConditionalExpectations::before`] and [`ConditionalExpectations::after`].
 type Expect<E, S> = fn(&mut E, &StepView<'_, S>, &mut dyn CovarianceBlocks<S>, &mut Transition<S>);
 
 fn indefinite(step: u64, phase: &'static str, pivot: BadPivot) -> IdentifierError {
@@ -479,7 +482,8 @@ fn check_length(name: &'static str, found: usize, expected: usize) -> Result<(),
     if found == expected { Ok(()) } else { Err(IdentifierError::Length { name, found, expected }) }
 }
 
-/// A P0 from an earlier model may have been written to a file: differences within rounding are accepted.
+/// Checks that P0 is symmetric. A P0 from an earlier model may have been written to a file, so differences within
+/// rounding are accepted.
 fn check_symmetric(p0: &Dense<f64>) -> Result<(), IdentifierError> {
     for j in 0..p0.columns() {
         for i in j + 1..p0.rows() {

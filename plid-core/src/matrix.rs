@@ -1,8 +1,8 @@
-//! Column-major views and storage: the one shape of data that every backend's kernels take.
+//! Column-major views and storage, the only layout of data that the kernels of the backends accept.
 
 use crate::Scalar;
 
-/// A read-only column-major matrix: entry (i, j) is `data[i + j * stride]`.
+/// A read-only view of a column-major matrix: entry (i, j) is `data[i + j * stride]`.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a, S> {
     data: &'a [S],
@@ -20,38 +20,40 @@ pub struct ViewMut<'a, S> {
     stride: usize,
 }
 
-/// What both views have: a view of `$data`, whose columns are read as `$column`.
+/// Implements what both views have in common: `$data` is the type of their data, `$column` that of a column to be
+/// read.
 macro_rules! shape_and_entries {
     ($view:ident<$a:lifetime>, $data:ty, $column:ty) => {
         impl<$a, S: Scalar> $view<$a, S> {
-            /// A `rows` x `columns` view of `data`, columns `stride` apart. Panics if `data` is too short.
+            /// Creates a `rows` x `columns` view of `data`, with columns `stride` apart. Panics if `data` is too
+            /// short or `stride` is less than `rows`.
             pub fn new(data: $data, rows: usize, columns: usize, stride: usize) -> Self {
                 assert!(stride >= rows && (columns == 0 || data.len() >= (columns - 1) * stride + rows));
                 Self { data, rows, columns, stride }
             }
 
-            /// The number of rows.
+            /// Returns the number of rows.
             pub fn rows(&self) -> usize {
                 self.rows
             }
 
-            /// The number of columns.
+            /// Returns the number of columns.
             pub fn columns(&self) -> usize {
                 self.columns
             }
 
-            /// The distance from one column to the next, in entries.
+            /// Returns the distance from one column to the next, in entries.
             pub fn stride(&self) -> usize {
                 self.stride
             }
 
-            /// Entry (i, j).
+            /// Returns entry (i, j).
             #[inline]
             pub fn at(&self, i: usize, j: usize) -> S {
                 self.data[i + j * self.stride]
             }
 
-            /// Column `j`.
+            /// Returns column `j`.
             #[inline]
             pub fn column(&self, j: usize) -> $column {
                 &self.data[j * self.stride..j * self.stride + self.rows]
@@ -64,12 +66,12 @@ shape_and_entries!(View<'a>, &'a [S], &'a [S]);
 shape_and_entries!(ViewMut<'a>, &'a mut [S], &[S]);
 
 impl<'a, S: Scalar> View<'a, S> {
-    /// The entries, from (0, 0) on, gaps between columns included.
+    /// Returns the entries from (0, 0) on, including the gaps between columns.
     pub fn data(&self) -> &'a [S] {
         self.data
     }
 
-    /// The `rows` x `columns` block whose first entry is (row, column).
+    /// Returns the `rows` x `columns` block whose first entry is (row, column).
     pub fn block(&self, row: usize, column: usize, rows: usize, columns: usize) -> View<'a, S> {
         assert!(row + rows <= self.rows && column + columns <= self.columns);
         let start = if rows == 0 || columns == 0 { 0 } else { row + column * self.stride };
@@ -78,12 +80,12 @@ impl<'a, S: Scalar> View<'a, S> {
 }
 
 impl<'a, S: Scalar> ViewMut<'a, S> {
-    /// The entries, from (0, 0) on, gaps between columns included.
+    /// Returns the entries from (0, 0) on, including the gaps between columns, for writing.
     pub fn data_mut(&mut self) -> &mut [S] {
         self.data
     }
 
-    /// This view, read only, for as long as the borrow lasts.
+    /// Returns a read-only view of the same data for as long as the borrow lasts.
     #[inline]
     pub fn view(&self) -> View<'_, S> {
         View { data: self.data, rows: self.rows, columns: self.columns, stride: self.stride }
@@ -94,13 +96,13 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
         ViewMut { data: self.data, rows: self.rows, columns: self.columns, stride: self.stride }
     }
 
-    /// Column `j`, to be written to.
+    /// Returns column `j` for writing.
     #[inline]
     pub fn column_mut(&mut self, j: usize) -> &mut [S] {
         &mut self.data[j * self.stride..j * self.stride + self.rows]
     }
 
-    /// Columns j .. j + 4, to be written to.
+    /// Returns columns j .. j + 4 for writing.
     #[inline(always)]
     pub fn four_columns_mut(&mut self, j: usize) -> [&mut [S]; 4] {
         let (stride, rows) = (self.stride, self.rows);
@@ -110,7 +112,7 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
         [&mut c0[..rows], &mut c1[..rows], &mut c2[..rows], &mut c3[..rows]]
     }
 
-    /// Column `from` to be read and another column `to` to be written.
+    /// Returns column `from` for reading and another column, `to`, for writing.
     #[inline]
     pub fn column_pair(&mut self, from: usize, to: usize) -> (&[S], &mut [S]) {
         assert_ne!(from, to);
@@ -124,20 +126,20 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
         }
     }
 
-    /// Entry (i, j), to be written to.
+    /// Returns entry (i, j) for writing.
     #[inline]
     pub fn at_mut(&mut self, i: usize, j: usize) -> &mut S {
         &mut self.data[i + j * self.stride]
     }
 
-    /// The `rows` x `columns` block whose first entry is (row, column).
+    /// Returns the `rows` x `columns` block whose first entry is (row, column), for writing.
     pub fn block_mut(&mut self, row: usize, column: usize, rows: usize, columns: usize) -> ViewMut<'_, S> {
         assert!(row + rows <= self.rows && column + columns <= self.columns);
         let start = if rows == 0 || columns == 0 { 0 } else { row + column * self.stride };
         ViewMut { data: &mut self.data[start..], rows, columns, stride: self.stride }
     }
 
-    /// The first `columns` columns, and the others.
+    /// Splits the view into its first `columns` columns and the others.
     pub fn split_at_column(self, columns: usize) -> (ViewMut<'a, S>, ViewMut<'a, S>) {
         let (first, second) = self.data.split_at_mut((columns * self.stride).min(self.data.len()));
         let rest = self.columns - columns;
@@ -147,7 +149,7 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
         )
     }
 
-    /// Sets every entry.
+    /// Sets every entry to `value`.
     pub fn fill(&mut self, value: S) {
         for j in 0..self.columns {
             self.column_mut(j).fill(value);
@@ -157,31 +159,31 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
 
 /// Owned column-major storage of a backend.
 pub trait Matrix<S>: Clone + std::fmt::Debug + Send + Sync + 'static {
-    /// A matrix of zeros.
+    /// Creates a matrix of zeros.
     fn zeros(rows: usize, columns: usize) -> Self;
 
-    /// The whole matrix, read only.
+    /// Returns a read-only view of the whole matrix.
     fn view(&self) -> View<'_, S>;
 
-    /// The whole matrix, to be written to.
+    /// Returns a view of the whole matrix for writing.
     fn view_mut(&mut self) -> ViewMut<'_, S>;
 }
 
-/// A column-major matrix in a `Vec`, its first entry at the start of a cache line: a vector register's worth of entries
-/// that lies across two lines costs two loads.
+/// A column-major matrix in a `Vec`. Its first entry is at the start of a cache line, because a vector register
+/// whose entries span two lines takes two loads.
 #[derive(Debug)]
 pub struct Dense<S> {
     storage: Vec<S>,
-    /// Where in `storage` the line begins.
+    /// The index in `storage` of the first entry.
     start: usize,
     rows: usize,
     columns: usize,
 }
 
-/// Bytes of a cache line, and of the widest registers.
+/// The size of a cache line and of the widest registers, in bytes.
 const LINE: usize = 64;
 
-/// Where the first line begins; 0 where the allocator cannot tell, which only costs speed.
+/// Returns the index at which the first cache line begins, or 0 if it is unknown, which only costs speed.
 fn line_start<S>(storage: &[S]) -> usize {
     match storage.as_ptr().align_offset(LINE) {
         start if start <= line_entries::<S>() => start,
@@ -197,7 +199,7 @@ impl<S: Clone> Clone for Dense<S> {
     fn clone(&self) -> Self {
         let mut storage = self.storage.clone();
         let start = line_start(&storage);
-        // The entries between the two starts, at the end, belong to neither matrix.
+        // The rotations move only padding from one end of the storage to the other.
         storage.rotate_left(self.start);
         storage.rotate_right(start);
         Self { storage, start, rows: self.rows, columns: self.columns }
@@ -211,7 +213,7 @@ impl<S: Scalar> PartialEq for Dense<S> {
 }
 
 impl<S: Scalar> Dense<S> {
-    /// The matrix of `f(i, j)`.
+    /// Creates the matrix with the entries `f(i, j)`.
     pub fn from_fn(rows: usize, columns: usize, mut f: impl FnMut(usize, usize) -> S) -> Self {
         let mut matrix = Self::zeros(rows, columns);
         for j in 0..columns {
@@ -222,48 +224,48 @@ impl<S: Scalar> Dense<S> {
         matrix
     }
 
-    /// The matrix with `diagonal` on its diagonal and zeros elsewhere.
+    /// Creates the matrix with `diagonal` on its diagonal and zeros elsewhere.
     pub fn from_diagonal(diagonal: &[S]) -> Self {
         Self::from_fn(diagonal.len(), diagonal.len(), |i, j| if i == j { diagonal[i] } else { S::zero() })
     }
 
-    /// The number of rows.
+    /// Returns the number of rows.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// The number of columns.
+    /// Returns the number of columns.
     pub fn columns(&self) -> usize {
         self.columns
     }
 
-    /// Entry (i, j).
+    /// Returns entry (i, j).
     #[inline]
     pub fn at(&self, i: usize, j: usize) -> S {
         self.data()[i + j * self.rows]
     }
 
-    /// Entry (i, j), to be written to.
+    /// Returns entry (i, j) for writing.
     #[inline]
     pub fn at_mut(&mut self, i: usize, j: usize) -> &mut S {
         let at = i + j * self.rows;
         &mut self.data_mut()[at]
     }
 
-    /// Column `j`.
+    /// Returns column `j`.
     #[inline]
     pub fn column(&self, j: usize) -> &[S] {
         &self.data()[j * self.rows..(j + 1) * self.rows]
     }
 
-    /// Column `j`, to be written to.
+    /// Returns column `j` for writing.
     #[inline]
     pub fn column_mut(&mut self, j: usize) -> &mut [S] {
         let rows = self.rows;
         &mut self.data_mut()[j * rows..(j + 1) * rows]
     }
 
-    /// The entries, column by column.
+    /// Returns the entries, column by column.
     #[inline]
     pub fn data(&self) -> &[S] {
         &self.storage[self.start..self.start + self.rows * self.columns]
@@ -274,12 +276,12 @@ impl<S: Scalar> Dense<S> {
         &mut self.storage[self.start..self.start + self.rows * self.columns]
     }
 
-    /// Sets every entry.
+    /// Sets every entry to `value`.
     pub fn fill(&mut self, value: S) {
         self.data_mut().fill(value);
     }
 
-    /// Converts the matrix to another scalar by way of `f64`, so that a double-double loses its second half.
+    /// Converts the matrix to another scalar by way of `f64`, so that a double-double loses its low part.
     pub fn cast<T: Scalar>(&self) -> Dense<T> {
         Dense::from_fn(self.rows, self.columns, |i, j| T::from_f64(self.at(i, j).to_f64()))
     }

@@ -1,4 +1,4 @@
-//! The implicit model s_{k+1} = F s_k + G eta_k, z_k = H s_k + w_k, of which F, G and H are never formed.
+//! The implicit model s_{k+1} = F s_k + G eta_k, z_k = H s_k + w_k. Its matrices F, G and H are never formed.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,38 +6,39 @@ use crate::Scalar;
 
 /// The structure of F, G and H.
 ///
-/// The plant is x+ = A x + B u with A = J + sum_i a_i e_{c_i}^T: J is known and holds at most a single one a row, the
+/// The plant is x+ = A x + B u with A = J + sum_i a_i e_{c_i}^T. J is known and has at most a single one per row, the
 /// p columns a_i and the m columns b_j of B are unknown, and output i reads state c_i. The joint state is
 /// s = [x; a_1 .. a_p; b_1 .. b_m], with N = (p + m + 1) n entries.
 pub trait ImplicitModel: Send + Sync {
-    /// The number of plant states n.
+    /// Returns the number of plant states n.
     fn states(&self) -> usize;
 
-    /// The number of inputs m.
+    /// Returns the number of inputs m.
     fn inputs(&self) -> usize;
 
-    /// The state c_i that each of the p outputs reads, from 0.
+    /// Returns the states c_i that the p outputs read, from 0.
     fn output_states(&self) -> &[usize];
 
-    /// Where row `i` of J has its one, if it has any. Its index is less than `i`, so that J x can be formed in place.
+    /// Returns the column in which row `i` of J has its one, if it has any. The column is less than `i`, so that J x
+    /// can be formed in place.
     fn shift_source(&self, i: usize) -> Option<usize>;
 
-    /// The number of outputs p.
+    /// Returns the number of outputs p.
     fn outputs(&self) -> usize {
         self.output_states().len()
     }
 
-    /// The number of unknown columns, p + m.
+    /// Returns the number of unknown columns, p + m.
     fn parameter_columns(&self) -> usize {
         self.outputs() + self.inputs()
     }
 
-    /// The number of entries of the joint state, N = (p + m + 1) n.
+    /// Returns the number of entries of the joint state, N = (p + m + 1) n.
     fn joint_states(&self) -> usize {
         (self.parameter_columns() + 1) * self.states()
     }
 
-    /// x <- J x.
+    /// Computes x <- J x.
     #[inline]
     fn shift<S: Scalar>(&self, x: &mut [S])
     where
@@ -49,7 +50,7 @@ pub trait ImplicitModel: Send + Sync {
     }
 }
 
-/// The MIMO observable canonical form (Eq. 1): J is made of p lower-shift blocks of sizes n_1 .. n_p, and output i
+/// The MIMO observable canonical form (Eq. 1): J consists of p lower-shift blocks of sizes n_1 .. n_p, and output i
 /// reads the last state of block i.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ObservableForm {
@@ -59,7 +60,7 @@ pub struct ObservableForm {
     block_starts: Vec<bool>,
 }
 
-/// A structure that no plant can have.
+/// The reasons why a structure is rejected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum StructureError {
     /// There is no output.
@@ -71,10 +72,10 @@ pub enum StructureError {
     /// An observability index is zero.
     #[error("observability index {0} (counted from 1) is 0: every output needs at least one state")]
     ZeroIndex(usize),
-    /// n is above [`ObservableForm::MAX_STATES`].
+    /// n exceeds [`ObservableForm::MAX_STATES`].
     #[error("{0} states asked for; at most {max} are supported", max = ObservableForm::MAX_STATES)]
     TooManyStates(usize),
-    /// n is below p.
+    /// n is less than p.
     #[error("{states} states are too few for {outputs} outputs: each needs at least one")]
     TooFewStates {
         /// n
@@ -85,13 +86,13 @@ pub enum StructureError {
 }
 
 impl ObservableForm {
-    /// The largest n.
+    /// The largest number of states n.
     pub const MAX_STATES: usize = 128;
 
-    /// The form with observability indices n_1 .. n_p and `inputs` inputs.
+    /// Returns the form with observability indices n_1 .. n_p and `inputs` inputs.
     ///
     /// # Errors
-    /// [`StructureError`]
+    /// Returns a [`StructureError`] for an invalid structure.
     pub fn new(indices: &[usize], inputs: usize) -> Result<Self, StructureError> {
         if indices.is_empty() {
             return Err(StructureError::NoOutput);
@@ -117,10 +118,11 @@ impl ObservableForm {
         Ok(Self { indices: indices.to_vec(), inputs, output_states, block_starts })
     }
 
-    /// `states` shared out as evenly as they go, the first outputs one more where they do not.
+    /// Returns the form whose `states` are distributed over the outputs as evenly as possible. If they do not divide
+    /// evenly, the first outputs have one more each.
     ///
     /// # Errors
-    /// [`StructureError`]
+    /// Returns a [`StructureError`] for an invalid structure.
     pub fn balanced(states: usize, outputs: usize, inputs: usize) -> Result<Self, StructureError> {
         if outputs == 0 {
             return Err(StructureError::NoOutput);
@@ -132,17 +134,17 @@ impl ObservableForm {
         Self::new(&indices, inputs)
     }
 
-    /// The observability indices n_1 .. n_p.
+    /// Returns the observability indices n_1 .. n_p.
     pub fn indices(&self) -> &[usize] {
         &self.indices
     }
 
-    /// Whether entry `row` of the column a_i of `output` i can be given any value without a change of the plant's
-    /// inputs and outputs.
+    /// Returns whether entry `row` of the column a_i of `output` i can take any value without a change of the plant's
+    /// input-output behaviour.
     ///
-    /// Block j of the form reads q^{n_j} y_j = sum_i (sum_l a_i\[j, l\] q^{l-1}) y_i + ..; where n_j > n_i, equation i
-    /// times any q^d with n_i + d < n_j may be added to it. With these entries held at zero the form is unique
-    /// (Guidorzi 1975); it is only where the indices differ that there are any.
+    /// Block j of the form is the equation q^{n_j} y_j = sum_i (sum_l a_i\[j, l\] q^{l-1}) y_i + ..; if n_j > n_i,
+    /// equation i times any q^d with n_i + d < n_j may be added to it. If the redundant entries are fixed at zero,
+    /// the form is unique (Guidorzi 1975). Redundant entries exist only if the indices differ.
     pub fn is_redundant(&self, row: usize, output: usize) -> bool {
         let (mut block, mut power) = (0, row);
         while power >= self.indices[block] {
@@ -195,7 +197,8 @@ mod tests {
     #[test]
     fn only_unequal_indices_leave_entries_open() {
         let form = ObservableForm::new(&[3, 1], 1).unwrap();
-        // Equation 2, of order one, times q or q^2 may be added to equation 1: its a_2 beyond the first power.
+        // Equation 2, of order one, times 1 or q may be added to equation 1, so the entries of a_2 in equation 1 are
+        // redundant from the power q on.
         let open: Vec<(usize, usize)> =
             (0..2).flat_map(|i| (0..4).map(move |r| (r, i))).filter(|&(r, i)| form.is_redundant(r, i)).collect();
         assert_eq!(open, [(1, 1), (2, 1)]);

@@ -1,4 +1,5 @@
-//! The noise model of Eq. 5: covariances of sensor noise w, actuator noise v and state noise xi, and between them.
+//! The noise model of Eq. 5: the covariances and cross-covariances of sensor noise w, actuator noise v and state
+//! noise xi.
 
 use crate::kernels::{BadPivot, axpy, pivoted_cholesky, semidefinite_ldl};
 use crate::{Dense, Matrix, Scalar};
@@ -20,27 +21,27 @@ pub struct NoiseModel {
     pub actuator_state: Dense<f64>,
 }
 
-/// A noise model that no noise can have.
+/// The reasons why a noise model is rejected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoiseError {
     /// A matrix has the wrong shape.
     #[error("{name} is {rows} x {columns}; it must be {expected_rows} x {expected_columns}")]
     Shape {
-        /// Which matrix.
+        /// The name of the matrix.
         name: &'static str,
-        /// Its rows.
+        /// The number of its rows.
         rows: usize,
-        /// Its columns.
+        /// The number of its columns.
         columns: usize,
-        /// The rows that the plant asks for.
+        /// The number of rows that the plant requires.
         expected_rows: usize,
-        /// The columns that the plant asks for.
+        /// The number of columns that the plant requires.
         expected_columns: usize,
     },
     /// An entry is NaN or infinite.
     #[error("{name} has an entry that is not finite at row {row}, column {column} (from 1)")]
     NotFinite {
-        /// Which matrix.
+        /// The name of the matrix.
         name: &'static str,
         /// Row, from 1.
         row: usize,
@@ -50,7 +51,7 @@ pub enum NoiseError {
     /// A covariance is not symmetric.
     #[error("{name} is not symmetric at row {row}, column {column} (from 1)")]
     NotSymmetric {
-        /// Which matrix.
+        /// The name of the matrix.
         name: &'static str,
         /// Row, from 1.
         row: usize,
@@ -71,7 +72,7 @@ pub enum NoiseError {
 }
 
 impl NoiseModel {
-    /// Independent white noise: variances `sensor` (p), `actuator` (m) and `state` (n), no cross-covariance.
+    /// Returns independent white noise with variances `sensor` (p), `actuator` (m) and `state` (n).
     pub fn diagonal(sensor: &[f64], actuator: &[f64], state: &[f64]) -> Self {
         let (p, m, n) = (sensor.len(), actuator.len(), state.len());
         Self {
@@ -84,22 +85,23 @@ impl NoiseModel {
         }
     }
 
-    /// The paper's numbers 0.005, 0.005 and 0.010, read as covariances, as the paper uses them.
+    /// Returns the paper's numbers 0.005, 0.005 and 0.010, interpreted as covariances, as the paper uses them.
     pub fn paper_literal(p: usize, m: usize, n: usize) -> Self {
         Self::diagonal(&vec![0.005; p], &vec![0.005; m], &vec![0.010; n])
     }
 
-    /// The paper's numbers read as volts RMS, which they are: their squares are the covariances.
+    /// Returns the paper's numbers interpreted as volts RMS, which they are, so that their squares are the
+    /// covariances.
     pub fn paper_squared(p: usize, m: usize, n: usize) -> Self {
         let square = |x: f64| x * x;
         Self::diagonal(&vec![square(0.005); p], &vec![square(0.005); m], &vec![square(0.010); n])
     }
 
-    /// Checks shapes against p outputs, m inputs and n states, that every entry is finite, that R, Q and Sigma are
-    /// symmetric, and that the six together are one covariance: positive semidefinite.
+    /// Checks that the shapes agree with p outputs, m inputs and n states, that every entry is finite, that R, Q and
+    /// Sigma are symmetric, and that the six matrices together form a positive semidefinite covariance.
     ///
     /// # Errors
-    /// [`NoiseError`], naming the matrix and the entry.
+    /// Returns a [`NoiseError`] that names the matrix and the entry, or the channel or state.
     pub fn check(&self, p: usize, m: usize, n: usize) -> Result<(), NoiseError> {
         self.check_within(p, m, n, &mut CheckScratch::new(p + m + n))
     }
@@ -136,7 +138,8 @@ impl NoiseModel {
         self.check_semidefinite(p, m, n, scratch)
     }
 
-    /// Works on the correlation matrix, so that volts and newtons side by side do not hide each other.
+    /// Checks the correlation matrix, so that variances in different units, such as volts and newtons, do not mask
+    /// each other.
     fn check_semidefinite(&self, p: usize, m: usize, n: usize, scratch: &mut CheckScratch) -> Result<(), NoiseError> {
         let size = p + m + n;
         let CheckScratch { deviation, scale, correlation, factor } = scratch;
@@ -188,7 +191,8 @@ impl NoiseModel {
         }
         pivoted_cholesky(correlation.view_mut(), factor.view_mut(), scale, 1e-10, 1e-10)
             .map_err(|BadPivot { index, value }| NoiseError::Indefinite { place: place(index), value })?;
-        // A zero pivot must leave nothing off the diagonal: [0 1; 1 0] has no negative pivot but is indefinite.
+        // Where a pivot is zero, the entries off the diagonal must be zero too: [0 1; 1 0] has no negative pivot but
+        // is indefinite.
         for i in 0..size {
             for j in 0..i {
                 let product: f64 = (0..size).map(|k| factor.at(i, k) * factor.at(j, k)).sum();
@@ -202,7 +206,7 @@ impl NoiseModel {
     }
 }
 
-/// Room for the check that a noise model is positive semidefinite.
+/// Scratch space for the check that a noise model is positive semidefinite.
 #[derive(Clone, Debug)]
 struct CheckScratch {
     deviation: Vec<f64>,
@@ -222,8 +226,7 @@ impl CheckScratch {
     }
 }
 
-/// The part of the noise model that a step uses: the moments of v and xi given w, for the available
-/// outputs.
+/// The part of the noise model that a step uses: the moments of v and xi given w, for the available outputs.
 #[derive(Clone, Debug)]
 pub struct NoiseTerms<S> {
     available: Vec<usize>,
@@ -233,7 +236,7 @@ pub struct NoiseTerms<S> {
     actuator_sensor: Dense<S>,
     sensor_state: Dense<S>,
     actuator_state: Dense<S>,
-    /// R of the available outputs as T D T^T.
+    /// The unit lower triangular T of R = T D T^T, for the available outputs.
     unit: Dense<S>,
     pivots: Vec<S>,
     l: Dense<S>,
@@ -246,7 +249,7 @@ pub struct NoiseTerms<S> {
 }
 
 impl<S: Scalar> NoiseTerms<S> {
-    /// The terms for a checked noise model, all outputs available.
+    /// Computes the terms of a checked noise model, with all outputs available.
     pub fn new(noise: &NoiseModel) -> Self {
         let (p, m, n) = (noise.sensor.rows(), noise.actuator.rows(), noise.state.rows());
         let mut terms = Self {
@@ -271,10 +274,10 @@ impl<S: Scalar> NoiseTerms<S> {
         terms
     }
 
-    /// Checks another noise model and takes it over, without allocating. After an error the former one stays.
+    /// Checks another noise model and adopts it, without allocating. After an error, the previous one is kept.
     ///
     /// # Errors
-    /// [`NoiseError`], naming the matrix and the entry.
+    /// Returns a [`NoiseError`] that names the matrix and the entry, or the channel or state.
     pub fn set(&mut self, noise: &NoiseModel) -> Result<(), NoiseError> {
         let (p, m, n) = (self.sensor.rows(), self.actuator.rows(), self.state.rows());
         noise.check_within(p, m, n, &mut self.scratch)?;
@@ -295,9 +298,9 @@ impl<S: Scalar> NoiseTerms<S> {
         Ok(())
     }
 
-    /// Says which outputs are there; the others' w_i drops out of R and of the cross-covariances.
+    /// Sets the available outputs. The w_i of the other outputs are left out of R and of the cross-covariances.
     pub fn set_available(&mut self, available: impl Iterator<Item = bool>) {
-        // Compared first: on a record without gaps nothing is to be done.
+        // The terms are recomputed only if the set has changed, so a record without gaps costs no further work.
         let mut position = 0;
         let mut changed = false;
         for (i, there) in available.enumerate() {
@@ -316,9 +319,9 @@ impl<S: Scalar> NoiseTerms<S> {
         }
     }
 
-    /// L = S^{vw} R^-1, M = (S^{w xi})^T R^-1, Q' = Q - L (S^{vw})^T, Sigma' = Sigma - M S^{w xi},
-    /// S' = S^{v xi} - L S^{w xi}. Where R is singular, any generalised inverse gives the same terms, because
-    /// the cross-covariances and the residual z - C x+ lie in the range of R.
+    /// Computes L = S^{vw} R^-1, M = (S^{w xi})^T R^-1, Q' = Q - L (S^{vw})^T, Sigma' = Sigma - M S^{w xi} and
+    /// S' = S^{v xi} - L S^{w xi}. If R is singular, any generalised inverse gives the same terms, because the
+    /// cross-covariances and the residual z - C x+ lie in the range of R.
     fn condition(&mut self) {
         let (m, n) = (self.actuator.rows(), self.state.rows());
         let count = self.available.len();
@@ -327,8 +330,8 @@ impl<S: Scalar> NoiseTerms<S> {
                 *self.unit.at_mut(i, j) = self.sensor.at(channel_i, channel_j);
             }
         }
-        // The model has been checked: a pivot below zero is a rounding error of zero. What fails is R out of the
-        // scalar's range; NaN then stops the measurement update.
+        // The model has been checked, so a negative pivot is zero within rounding. The factorisation fails only if R
+        // is outside the range of the scalar; NaN then stops the measurement update.
         let zero = 64.0 * count as f64 * S::EPSILON;
         self.pivots.fill(S::from_f64(f64::NAN));
         let mut unit = self.unit.view_mut();
@@ -376,7 +379,7 @@ impl<S: Scalar> NoiseTerms<S> {
         }
     }
 
-    /// `solve` <- R^- `solve`.
+    /// Computes `solve` <- R^- `solve` with a generalised inverse R^-.
     fn solve_sensor(&mut self, count: usize) {
         let x = &mut self.solve[..count];
         for j in 0..count {
@@ -394,57 +397,57 @@ impl<S: Scalar> NoiseTerms<S> {
         }
     }
 
-    /// The available outputs, ascending. The rows and columns of R, L and M below are in this order.
+    /// Returns the available outputs in ascending order. The rows and columns of R, L and M below are in this order.
     pub fn available(&self) -> &[usize] {
         &self.available
     }
 
-    /// Entry (i, j) of R, i and j counted among the available outputs.
+    /// Returns entry (i, j) of R, with i and j counted among the available outputs.
     pub fn sensor(&self, i: usize, j: usize) -> S {
         self.sensor.at(self.available[i], self.available[j])
     }
 
-    /// Entry (i, j), i > j, of the unit lower triangular T of R = T D T^T.
+    /// Returns entry (i, j), i > j, of the unit lower triangular T of R = T D T^T.
     pub fn sensor_unit(&self, i: usize, j: usize) -> S {
         self.unit.at(i, j)
     }
 
-    /// D of R = T D T^T, of the available outputs.
+    /// Returns the diagonal of D in R = T D T^T, for the available outputs.
     pub fn sensor_pivots(&self) -> &[S] {
         &self.pivots[..self.available.len()]
     }
 
-    /// Q, m x m.
+    /// Returns Q (m x m).
     pub fn actuator(&self) -> &Dense<S> {
         &self.actuator
     }
 
-    /// S^{vw}, m x p, by output number.
+    /// Returns S^{vw} (m x p), with the columns numbered by output.
     pub fn actuator_sensor(&self) -> &Dense<S> {
         &self.actuator_sensor
     }
 
-    /// L = S^{vw} R^-1, m x p, the columns of the available outputs first.
+    /// Returns L = S^{vw} R^-1 (m x p), with the columns of the available outputs first.
     pub fn l(&self) -> &Dense<S> {
         &self.l
     }
 
-    /// M = (S^{w xi})^T R^-1, n x p, the columns of the available outputs first.
+    /// Returns M = (S^{w xi})^T R^-1 (n x p), with the columns of the available outputs first.
     pub fn m(&self) -> &Dense<S> {
         &self.m
     }
 
-    /// Q' = cov(v | w), m x m.
+    /// Returns Q' = cov(v | w), m x m.
     pub fn actuator_given(&self) -> &Dense<S> {
         &self.actuator_given
     }
 
-    /// Sigma' = cov(xi | w), n x n.
+    /// Returns Sigma' = cov(xi | w), n x n.
     pub fn state_given(&self) -> &Dense<S> {
         &self.state_given
     }
 
-    /// S' = cov(v, xi | w), m x n.
+    /// Returns S' = cov(v, xi | w), m x n.
     pub fn actuator_state_given(&self) -> &Dense<S> {
         &self.actuator_state_given
     }

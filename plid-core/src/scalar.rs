@@ -6,49 +6,49 @@ use num_traits::NumAssign;
 
 /// A real number that the recursion can run in.
 ///
-/// The trait asks for no more than the recursion uses, so that a type without `Display` or `num_traits::Float`
-/// (such as `qd::Quad`) qualifies.
+/// The trait requires only what the recursion uses, so that a type without `Display` or `num_traits::Float` (such as
+/// `qd::Quad`) qualifies.
 pub trait Scalar: NumAssign + std::ops::Neg<Output = Self> + PartialOrd + Copy + Debug + Send + Sync + 'static {
     /// Unit roundoff: the largest relative error of one rounded operation, as an `f64`.
     const EPSILON: f64;
 
-    /// The smallest positive number with all its digits, as an `f64`.
+    /// The smallest positive number of full precision, as an `f64`.
     const SMALLEST: f64;
 
-    /// The nearest number of this type.
+    /// Returns the nearest number of this type.
     fn from_f64(value: f64) -> Self;
 
-    /// The nearest `f64`.
+    /// Returns the nearest `f64`.
     fn to_f64(self) -> f64;
 
-    /// The square root; NaN below zero.
+    /// Returns the square root, or NaN for a number below zero.
     fn sqrt(self) -> Self;
 
-    /// Neither infinite nor NaN.
+    /// Returns whether the number is neither infinite nor NaN.
     fn is_finite(self) -> bool;
 
-    /// self a + b, rounded once where the type can. Only the kernels use it, which are compiled for a CPU that has the
-    /// instruction: elsewhere it would be a call of a library function.
+    /// Returns self a + b, rounded once if the type supports this. Only the kernels use this method, because they are
+    /// compiled for CPUs that have the instruction; elsewhere it would be a call of a library function.
     fn mul_add(self, a: Self, b: Self) -> Self {
         self * a + b
     }
 
-    /// The number as an unevaluated sum of two `f64`, exactly. Checkpoints store numbers so.
+    /// Returns the number exactly, as an unevaluated sum of two `f64`. Checkpoints store numbers in this form.
     fn to_parts(self) -> [f64; 2] {
         [self.to_f64(), 0.0]
     }
 
-    /// The inverse of [`Scalar::to_parts`].
+    /// Restores a number from the result of [`Scalar::to_parts`].
     fn from_parts(parts: [f64; 2]) -> Self {
         Self::from_f64(parts[0])
     }
 
-    /// The absolute value.
+    /// Returns the absolute value.
     fn abs(self) -> Self {
         if self < Self::zero() { -self } else { self }
     }
 
-    /// The larger of two numbers; `self` if `other` is NaN.
+    /// Returns the larger of two numbers, or `self` if either is NaN.
     fn max(self, other: Self) -> Self {
         if other > self { other } else { self }
     }
@@ -108,7 +108,7 @@ impl Scalar for f32 {
 
 impl Scalar for qd::Quad {
     const EPSILON: f64 = f64::EPSILON * f64::EPSILON / 4.0;
-    // The second half of the sum must have its digits too.
+    // The low part of the sum must have full precision too.
     const SMALLEST: f64 = f64::MIN_POSITIVE / f64::EPSILON;
 
     fn from_f64(value: f64) -> Self {
@@ -120,7 +120,7 @@ impl Scalar for qd::Quad {
     }
 
     fn sqrt(self) -> Self {
-        // The library divides by the root, which makes NaN of zero.
+        // The library divides by the root, so that the root of zero would be NaN.
         if self == qd::Quad::from_f64(0.0) { self } else { qd::Quad::sqrt(self) }
     }
 

@@ -2,13 +2,13 @@
 
 use ndarray::{ArrayD, IxDyn, ShapeBuilder};
 
-/// Number of values of an array.
+/// Returns the number of values of an array.
 pub(super) fn count(shape: &[usize]) -> Result<usize, String> {
     let product = shape.iter().try_fold(1_usize, |product, &size| product.checked_mul(size));
     product.ok_or_else(|| format!("{} is too large", dimensions(shape)))
 }
 
-/// Makes an array of its values, which the file stores by columns (MATLAB, Fortran) or by rows.
+/// Makes an array from its values, which the file stores by columns (MATLAB, Fortran) or by rows.
 pub(super) fn array(shape: &[usize], values: Vec<f64>, by_columns: bool) -> Result<ArrayD<f64>, String> {
     let there = values.len();
     if count(shape)? != there {

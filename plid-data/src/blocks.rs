@@ -23,7 +23,7 @@ pub struct Blocks {
 enum Rows {
     Text {
         rows: delimited::Rows<BufReader<File>>,
-        /// For each column of the file whether it is a scalar.
+        /// For each column of the file, whether it is a scalar.
         is_scalar: Vec<bool>,
     },
     Npy(numpy::NpyRows<BufReader<File>>),
@@ -32,7 +32,7 @@ enum Rows {
 impl Blocks {
     /// Opens a file and reads its header.
     ///
-    /// In a text, a column is a scalar if it has a value in its first row and in none of the next thousand.
+    /// In a text file, a column is a scalar if it has a value in its first row and in none of the next thousand.
     ///
     /// # Errors
     /// Returns the errors of [`read`](super::read), and [`DataError::Malformed`] for a format that cannot be read in
@@ -68,16 +68,16 @@ impl Blocks {
         Ok(Self { file: path.into(), names, scalars, rows, read: 0 })
     }
 
-    /// The names of the columns.
+    /// Returns the names of the columns.
     pub fn names(&self) -> &[String] {
         &self.names
     }
 
-    /// Reads the next rows, at most `most` of them; `None` after the last one.
+    /// Reads the next rows, at most `most` of them. Returns `None` after the last one.
     ///
     /// # Errors
-    /// Returns the errors of [`read`](super::read). A value far down in a column that seemed to be a scalar is
-    /// [`DataError::LateValue`].
+    /// Returns the errors of [`read`](super::read), and [`DataError::LateValue`] for a value far down in a column that
+    /// seemed to be a scalar.
     ///
     /// # Panics
     /// Panics if `most` is 0.

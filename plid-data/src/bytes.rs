@@ -9,7 +9,7 @@ pub(super) struct Bytes<'a> {
 }
 
 impl<'a> Bytes<'a> {
-    /// The next `count` bytes.
+    /// Takes the next `count` bytes.
     pub fn take(&mut self, count: usize) -> Result<&'a [u8], String> {
         let there = self.rest.len();
         let (taken, rest) = self
@@ -20,14 +20,14 @@ impl<'a> Bytes<'a> {
         Ok(taken)
     }
 
-    /// The next four bytes as a number.
+    /// Reads the next four bytes as a number.
     pub fn word(&mut self) -> Result<u32, String> {
         let [bytes]: [[u8; 4]; 1] = self.take(4)?.as_chunks().0.try_into().expect("four bytes are one word");
         Ok(if self.big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
     }
 }
 
-/// How a number is stored.
+/// The storage type of a number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Storage {
     I8,
@@ -43,7 +43,7 @@ pub(super) enum Storage {
 }
 
 impl Storage {
-    /// Bytes of a number.
+    /// Returns the size of a number in bytes.
     pub fn width(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -53,7 +53,7 @@ impl Storage {
         }
     }
 
-    /// All numbers in `data`; integers above 2^53 are rounded.
+    /// Returns all numbers in `data`. Integers above 2^53 are rounded.
     pub fn numbers(self, data: &[u8], big: bool) -> Result<Vec<f64>, String> {
         let mut all = Vec::with_capacity(data.len() / self.width());
         self.append(data, big, &mut all)?;
@@ -77,7 +77,7 @@ impl Storage {
     }
 }
 
-/// Appends every N bytes as a number, given in little-endian order.
+/// Appends every N bytes as a number; `number` receives them in little-endian order.
 fn each<const N: usize>(data: &[u8], big: bool, to: &mut Vec<f64>, number: fn([u8; N]) -> f64) -> Result<(), String> {
     let (whole, rest) = data.as_chunks::<N>();
     if !rest.is_empty() {

@@ -3,7 +3,7 @@ use super::{DataError, Record, Warning};
 use ndarray::ArrayView1;
 use std::path::Path;
 
-/// Checks that the inputs and outputs of a record change at all; `file` is its name in errors.
+/// Checks that the inputs and outputs of a record change at all. `file` names the record in errors.
 ///
 /// # Errors
 /// Returns [`DataError::NoExcitation`] or [`DataError::NoResponse`] if all inputs or all outputs are constant. A single
@@ -17,7 +17,8 @@ pub fn check_excited(file: &Path, record: &Record) -> Result<Vec<Warning>, DataE
     judge_constant(file, [inputs, outputs], [record.input_names.len(), record.output_names.len()])
 }
 
-/// Judges the inputs and outputs that are constant, given the numbers of all; errors as [`check_excited`].
+/// Judges the inputs and outputs that are constant, given the numbers of all inputs and outputs. The errors are those
+/// of [`check_excited`].
 pub(super) fn judge_constant(
     file: &Path,
     [inputs, outputs]: [Vec<String>; 2],
@@ -45,11 +46,11 @@ fn is_constant(values: ArrayView1<f64>) -> bool {
 
 /// Checks the number of samples against the number of unknown parameters of an output.
 ///
-/// Each sample of an output is one equation for the parameters of its row. Fewer than four equations per unknown cause
-/// a warning, because the estimate then depends on its prior.
+/// Each sample of an output is one equation for the parameters of its row. Fewer than four equations per unknown give a
+/// warning, because the estimate then depends on its prior.
 ///
 /// # Errors
-/// [`DataError::TooFewSamples`] if there are fewer samples than unknowns.
+/// Returns [`DataError::TooFewSamples`] if there are fewer samples than unknowns.
 pub fn require_samples(samples: usize, unknowns: usize) -> Result<Option<Warning>, DataError> {
     if samples < unknowns {
         return Err(DataError::TooFewSamples { samples, unknowns });

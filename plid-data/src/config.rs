@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
-/// A config that cannot be used.
+/// The error of a config that cannot be used.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum ConfigError {
     /// The file cannot be read.
@@ -41,10 +41,10 @@ pub enum ConfigError {
     },
 }
 
-/// Reads a strict TOML file of any kind. `problems` gives what is wrong with its values, as key and reason.
+/// Reads a strict TOML file of any type. `problems` returns the invalid values, as key and reason.
 ///
 /// # Errors
-/// [`ConfigError`] with file, line and, for a word that is not known, the nearest that is.
+/// Returns [`ConfigError`] with file, line and, for an unknown word, the nearest known one.
 pub fn read_checked<T: DeserializeOwned>(
     path: &Path,
     problems: impl FnOnce(&T) -> Vec<(&'static str, String)>,
@@ -53,10 +53,10 @@ pub fn read_checked<T: DeserializeOwned>(
     from_toml_checked(&text, &path.display().to_string(), problems)
 }
 
-/// Any strict TOML document, checked as by [`read_checked`].
+/// Reads any strict TOML document, checked as by [`read_checked`].
 ///
 /// # Errors
-/// As [`read_checked`].
+/// Returns the errors of [`read_checked`].
 pub fn from_toml_checked<T: DeserializeOwned>(
     text: &str,
     name: &str,
@@ -69,16 +69,16 @@ pub fn from_toml_checked<T: DeserializeOwned>(
     }
 }
 
-/// Any strict TOML document.
+/// Reads any strict TOML document.
 ///
 /// # Errors
-/// As [`read_checked`].
+/// Returns the errors of [`read_checked`].
 pub fn from_toml<T: DeserializeOwned>(text: &str, name: &str) -> Result<T, ConfigError> {
     let value = toml::from_str(text).map_err(|error| {
         let message = error.message().to_string();
         at(text, name, error.span().unwrap_or(0..0), message.clone(), suggestion(&message))
     })?;
-    // TOML has words for NaN and infinity, and no key of a config can be one of them.
+    // TOML has words for NaN and infinity, but no key of a config may have such a value.
     match DeTable::parse(text).ok().and_then(|table| table.get_ref().iter().find_map(not_finite)) {
         Some((key, span)) => {
             let message = format!("{key}: {} is not a finite number", &text[span.clone()]);
@@ -88,7 +88,7 @@ pub fn from_toml<T: DeserializeOwned>(text: &str, name: &str) -> Result<T, Confi
     }
 }
 
-/// The first number of an entry that is not finite: its key and its place.
+/// Returns the key and the place of the first number of an entry that is not finite.
 fn not_finite((key, value): (&Spanned<DeString>, &Spanned<DeValue>)) -> Option<(String, Range<usize>)> {
     match value.get_ref() {
         DeValue::Float(number) => {
@@ -101,16 +101,16 @@ fn not_finite((key, value): (&Spanned<DeString>, &Spanned<DeValue>)) -> Option<(
     }
 }
 
-/// The document that reads back as `value`.
+/// Returns a document that reads back as `value`.
 ///
 /// # Panics
-/// If the type cannot be TOML, which is a bug of the type and not of its value.
+/// Panics if the type cannot be written as TOML, which is a bug of the type and not of its value.
 pub fn to_toml<T: Serialize>(value: &T) -> String {
     toml::to_string_pretty(value).expect("configs are TOML by construction")
 }
 
-/// The error for a value of the document `text` that cannot be used: its place there, its key and the reason. A reason
-/// that names an unknown word gets a suggestion.
+/// Returns the error for a value of the document `text` that cannot be used, with its place there, its key and the
+/// reason. A reason that names an unknown word gets a suggestion.
 pub fn error_at(text: &str, name: &str, place: Range<usize>, key: &str, reason: &str) -> ConfigError {
     at(text, name, place, format!("{key}: {reason}"), suggestion(reason))
 }
@@ -128,7 +128,8 @@ fn at(text: &str, name: &str, span: Range<usize>, message: String, help: Option<
     }
 }
 
-/// Where a key is set, or its table begins; the document's start if it is only a default.
+/// Returns the place where a key is set, or where its table begins; the start of the document if the key is not set
+/// there.
 fn find_key(text: &str, key: &str) -> Range<usize> {
     let mut offset = 0;
     for line in text.split_inclusive('\n') {
@@ -147,7 +148,7 @@ fn find_key(text: &str, key: &str) -> Range<usize> {
     0..0
 }
 
-/// "unknown field `stats`, expected one of `states`, ..." -> "did you mean `states`?"
+/// Returns a suggestion: "unknown field `stats`, expected one of `states`, ..." -> "did you mean `states`?"
 fn suggestion(message: &str) -> Option<String> {
     if !message.starts_with("unknown") {
         return None;
@@ -157,7 +158,7 @@ fn suggestion(message: &str) -> Option<String> {
     let known: Vec<&str> = words.collect();
     let nearest =
         known.iter().max_by(|a, b| strsim::jaro_winkler(wrong, a).total_cmp(&strsim::jaro_winkler(wrong, b)))?;
-    // The message lists the known words itself.
+    // The message itself lists the known words.
     (strsim::jaro_winkler(wrong, nearest) > 0.7).then(|| format!("did you mean `{nearest}`?"))
 }
 
@@ -166,7 +167,7 @@ mod tests {
     use super::*;
     use serde::Deserialize;
 
-    /// A case with `start_s = nan` was accepted.
+    /// A case with `start_s = nan` was once accepted.
     #[test]
     fn a_number_that_is_not_finite_is_refused_with_its_line() {
         #[derive(Debug, Deserialize)]
@@ -177,7 +178,7 @@ mod tests {
         let read = |text: &str| from_toml::<Config>(text, "x.toml").map_err(|error| error.to_string());
         assert!(read("_list = [1.0, 2.0]").is_ok());
         assert_eq!(read("_list = [1.0, nan]").unwrap_err(), "x.toml, line 1: _list: nan is not a finite number");
-        // A number beyond the integers of TOML does not hide it.
+        // An integer that TOML cannot represent does not hide the NaN.
         let error = read("_list = [18446744073709551615, nan]").unwrap_err();
         assert!(error.ends_with("nan is not a finite number"), "{error}");
         let error = read("_list = []\n[_inner]\n_list = [-inf]").unwrap_err();

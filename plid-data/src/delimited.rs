@@ -1,7 +1,7 @@
 //! Delimited text such as CSV, with or without a header.
 //!
-//! Lines are split here rather than by a CSV library, because errors must name the line past any
-//! comments, and because blanks in runs are one separator.
+//! Lines are split here rather than by a CSV library, because errors must give the number of the line in the file,
+//! comments included, and because a run of blanks is one separator.
 use super::DataError;
 use super::table::Content;
 use ndarray::{Array2, Axis};
@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
-/// Rows that are read before the first one is returned, to see which columns are scalars.
+/// Number of rows that are read before the first one is returned, to find the columns that are scalars.
 const AHEAD: usize = 1000;
 
 /// The separator between two cells.
@@ -60,7 +60,7 @@ impl<R: BufRead> Lines<R> {
     }
 }
 
-/// Old instruments write Latin-1, where every byte is a character.
+/// Decodes a line. Old instruments write Latin-1, where every byte is a character.
 fn decode(bytes: &[u8]) -> Cow<'_, str> {
     match std::str::from_utf8(bytes) {
         Ok(text) => Cow::Borrowed(text),
@@ -68,15 +68,15 @@ fn decode(bytes: &[u8]) -> Cow<'_, str> {
     }
 }
 
-/// The rows of a text, one after the other: all rows are never held at once.
+/// The rows of a text, read one after the other, so that they are never all in memory.
 pub(super) struct Rows<R> {
     lines: Lines<R>,
     separator: Separator,
-    /// Names of all columns, scalars among them.
+    /// Names of all columns, including scalars.
     names: Vec<String>,
-    /// Rows that are read already.
+    /// Rows that have already been read.
     ahead: VecDeque<Line>,
-    /// The line and the width of the second row if it and the third lack the same last cells.
+    /// The line number and the width of the second row, if this row and the third lack the same last cells.
     short: Option<(usize, usize)>,
     /// Number of rows returned.
     returned: usize,
@@ -114,13 +114,13 @@ impl<R: BufRead> Rows<R> {
         Ok(rows)
     }
 
-    /// The names of all columns, scalars among them.
+    /// Returns the names of all columns, including scalars.
     pub fn names(&self) -> &[String] {
         &self.names
     }
 
-    /// The second row, if it lacks the same last cells as the third: those columns then have a value in their first row
-    /// only.
+    /// Returns the line number and the width of the second row, if it lacks the same last cells as the third. The
+    /// missing columns then have a value in their first row only.
     fn short_rows(&self) -> Option<(usize, usize)> {
         let width = |row: usize| self.ahead.get(row).map(|line| self.cells(line).len());
         let (first, second, third) = (width(0)?, width(1)?, width(2)?);
@@ -128,7 +128,7 @@ impl<R: BufRead> Rows<R> {
         is_short.then(|| (self.ahead[1].number, second))
     }
 
-    /// Columns with a value in the first row and in no other row that is read already, and these values.
+    /// Returns, for each column, the value of its first row if no other row read so far has one.
     pub fn scalars(&self) -> Result<Vec<Option<f64>>, DataError> {
         let mut found = vec![None; self.names.len()];
         let mut cells = Vec::new();
@@ -146,7 +146,8 @@ impl<R: BufRead> Rows<R> {
         Ok(found)
     }
 
-    /// Reads the next row into `cells`, `None` where a cell is empty, and returns its line; `None` after the last row.
+    /// Reads the next row into `cells`, with `None` for an empty cell, and returns its line number; `None` after the
+    /// last row.
     pub fn next(&mut self, cells: &mut Vec<Option<f64>>) -> Result<Option<usize>, DataError> {
         let line = match self.ahead.pop_front() {
             Some(line) => line,
@@ -168,7 +169,7 @@ impl<R: BufRead> Rows<R> {
         Ok(Some(line.number))
     }
 
-    /// The cells of a line as words.
+    /// Returns the cells of a line as text.
     fn cells<'a>(&self, line: &'a Line) -> Vec<Cow<'a, str>> {
         let mut cells = split(&line.text, self.separator);
         if cells.len() == self.names.len() + 1 {
@@ -177,7 +178,7 @@ impl<R: BufRead> Rows<R> {
         cells
     }
 
-    /// Parses the cells of a line: `None` where a cell is empty.
+    /// Parses the cells of a line, with `None` for an empty cell.
     fn parse(&self, line: &Line, row: &mut Vec<Option<f64>>) -> Result<(), DataError> {
         row.clear();
         for (i, cell) in self.cells(line).iter().enumerate() {
@@ -195,11 +196,11 @@ impl<R: BufRead> Rows<R> {
     }
 }
 
-/// Reads a whole text.
+/// Reads a whole text file.
 pub(super) fn read(path: &Path, text: impl BufRead) -> Result<Content, DataError> {
     let mut rows = Rows::open(path, text)?;
     let width = rows.names.len();
-    // The value of a column that has one in its first row only.
+    // For each column, the value of the first row if no other row has one.
     let mut only: Vec<Option<f64>> = vec![None; width];
     let (mut values, mut lines, mut cells) = (Vec::new(), Vec::new(), Vec::new());
     while let Some(line) = rows.next(&mut cells)? {
@@ -214,7 +215,7 @@ pub(super) fn read(path: &Path, text: impl BufRead) -> Result<Content, DataError
         only.fill(None);
     }
     let kept: Vec<usize> = (0..width).filter(|&i| only[i].is_none()).collect();
-    // A column may have turned out to be a scalar, and each of them may.
+    // Each column may have turned out to be a scalar.
     if kept.is_empty() {
         return Err(DataError::NoSamples { file: path.into() });
     }
@@ -226,8 +227,8 @@ pub(super) fn read(path: &Path, text: impl BufRead) -> Result<Content, DataError
     Ok(Content { names: kept.iter().map(named).collect(), columns, scalars, lines, notes: Vec::new() })
 }
 
-/// A remark begins with `#`; a row whose first cell is an error of a spreadsheet (`#N/A`, `#DIV/0!`, `#VALUE!`) does
-/// not.
+/// Returns whether a line is a comment. A comment begins with `#`, but a row whose first cell is an error of a
+/// spreadsheet (`#N/A`, `#DIV/0!`, `#VALUE!`) is not one.
 fn is_comment(text: &str) -> bool {
     const ERRORS: [&str; 8] = ["#n/a", "#na", "#div/0!", "#value!", "#ref!", "#name?", "#num!", "#null!"];
     let first = text.trim_start_matches('"').split([',', ';', '\t', ' ', '"']).next().unwrap_or_default();
@@ -235,17 +236,18 @@ fn is_comment(text: &str) -> bool {
 }
 
 /// Returns whether the first line is a header. A cell that is not a number is a name. Numbers in quotes are names if
-/// those below them are not in quotes (plid writes such names itself); if every row is in quotes, they are numbers.
+/// the numbers below them are not in quotes (plid itself writes such names). If every row is in quotes, they are
+/// numbers.
 fn is_header(first: &str, second: Option<&Line>, separator: Separator) -> bool {
     let decimal_comma = separator != Separator::Mark(',');
     split(first, separator).iter().any(|cell| number(cell, decimal_comma).is_none())
         || (first.contains('"') && !second.is_some_and(|line| line.text.contains('"')))
 }
 
-/// The separator of a file, from its first line outside of quotes.
+/// Finds the separator of a file from its first line, without the quoted parts.
 ///
-/// A semicolon comes before a tab, a tab before a comma: a comma may stand inside of numbers
-/// where another mark separates them. A comma at the end of a cell, though, separates.
+/// A semicolon takes precedence over a tab, and a tab over a comma, because a comma may be part of a number where
+/// another mark separates the numbers. A comma at the end of a cell, however, is a separator.
 fn separator_of(line: &str) -> Separator {
     let mut quoted = false;
     let bare: String = line
@@ -267,7 +269,7 @@ fn separator_of(line: &str) -> Separator {
     }
 }
 
-/// The cells of a line, trimmed and without quotes; a doubled quote within quotes is one.
+/// Returns the cells of a line, trimmed and without quotes. A doubled quote within quotes is one quote.
 fn split(line: &str, separator: Separator) -> Vec<Cow<'_, str>> {
     if line.contains('"') {
         return split_quoted(line, separator).into_iter().map(Cow::Owned).collect();
@@ -371,7 +373,7 @@ mod tests {
         let content = parse("\"1\",\"2\"\n\"3\",\"4\"\n\"5\",\"6\"\n").unwrap();
         assert_eq!(content.names, ["1", "2"]);
         assert_eq!(content.columns, array![[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]);
-        // Names that are numbers, above numbers without quotes.
+        // The names are numbers, and the numbers below are without quotes.
         let content = parse("\"2\",\"1\"\n3,4\n5,6\n").unwrap();
         assert_eq!(content.names, ["2", "1"]);
         assert_eq!(content.columns, array![[3.0, 4.0], [5.0, 6.0]]);
@@ -404,7 +406,7 @@ mod tests {
         assert!(content.columns[[0, 1]].is_nan() && content.columns[[0, 2]].is_nan());
         assert_eq!(content.columns[[1, 0]], f64::NEG_INFINITY);
         assert_eq!(content.columns[[2, 1]], f64::INFINITY);
-        // A sensor that fails from the second sample on says NaN: that is not a scalar.
+        // A sensor that fails from the second sample on gives NaN. That is not a scalar.
         assert_eq!(parse("u,y\n1,2\n3,nan\n4,nan\n").unwrap().names, ["u", "y"]);
     }
 

@@ -12,7 +12,7 @@ pub enum DataError {
         /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The file holds nothing but blanks and comments.
+    /// The file contains nothing but blanks and comments.
     #[error("{file}: the file is empty")]
     Empty {
         /// The file.
@@ -24,7 +24,7 @@ pub enum DataError {
         /// The file.
         file: PathBuf,
     },
-    /// A single sample says nothing about a dynamic system.
+    /// The file has a single sample, which contains no information about a dynamic system.
     #[error("{file}: there is only one sample")]
     OneSample {
         /// The file.
@@ -56,7 +56,7 @@ pub enum DataError {
         /// The content of the cell, at most 40 characters.
         cell: String,
     },
-    /// A value far down in a column that has otherwise one in its first row only.
+    /// A value far down in a column that otherwise has one in its first row only.
     #[error("{file}, line {line}: column `{column}` has a value again after its first row")]
     #[diagnostic(help(
         "in a file that is read in blocks, a column without values in the first thousand rows is a scalar"
@@ -69,7 +69,7 @@ pub enum DataError {
         /// Name of the column.
         column: String,
     },
-    /// Two columns of one name.
+    /// Two columns with the same name.
     #[error("{file}: two columns are named `{name}`")]
     DuplicateColumn {
         /// The file.
@@ -82,10 +82,10 @@ pub enum DataError {
     Malformed {
         /// The file.
         file: PathBuf,
-        /// What is wrong.
+        /// The fault.
         what: String,
     },
-    /// A .mat or .npz file whose variables do not make one table.
+    /// A .mat or .npz file whose variables do not form one table.
     #[error("{file}: several variables of different lengths, choose one of {there}")]
     #[diagnostic(help("rows are samples; name the variable that holds the data"))]
     ChooseVariable {
@@ -99,7 +99,7 @@ pub enum DataError {
     UnknownVariable {
         /// The file.
         file: PathBuf,
-        /// The variable asked for.
+        /// The requested variable.
         variable: String,
         /// The variables with their sizes.
         there: String,
@@ -111,14 +111,14 @@ pub enum DataError {
     UnknownChannel {
         /// The file.
         file: PathBuf,
-        /// The channel asked for.
+        /// The requested channel.
         channel: String,
         /// All channels of the file.
         there: Vec<String>,
         /// The nearest name.
         suggestion: Option<String>,
     },
-    /// A channel that is asked for twice.
+    /// A channel that is requested twice.
     #[error("the channel `{channel}` is named twice among inputs and outputs")]
     RepeatedChannel {
         /// The channel.
@@ -137,10 +137,10 @@ pub enum DataError {
         file: PathBuf,
         /// The rate in Hz.
         rate_hz: f64,
-        /// Where it comes from.
+        /// The source of the rate.
         origin: String,
     },
-    /// A time column whose step changes.
+    /// A time column whose step is not constant.
     #[error("{file}: the time step of column `{column}` changes at {at}: {step_s} s where {expected_s} s is usual")]
     #[diagnostic(help("samples must be evenly spaced; resample the data, or give the rate"))]
     UnevenTime {
@@ -171,7 +171,7 @@ pub enum DataError {
         /// The value there.
         value: f64,
     },
-    /// An output without a single value.
+    /// An output without any value.
     #[error("{file}: output `{channel}` has no value at all")]
     AllMissing {
         /// The file.
@@ -209,7 +209,7 @@ pub enum DataError {
     RecordsDiffer {
         /// Number of the record, from 1.
         record: usize,
-        /// What differs.
+        /// The difference.
         what: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Measured data: files to tables, tables to records.
+//! Measured data: from files to tables, and from tables to records.
 //!
 //! [`read`] reads a file of any supported format into a [`Table`] of named columns. [`select`] extracts the named
 //! inputs and outputs as a [`Record`], finds the sample rate, and reports missing or useless values with their channel.
@@ -11,7 +11,7 @@
 //! | MATLAB .mat v4 or v5 or NumPy .npz, several variables | a vector `u`: `u`; a matrix `y`: `y1`, `y2`, ... |
 //! | NumPy .npy | `1`, `2`, ... |
 //!
-//! [`prepare`] converts records for identification and results back; [`config`] reads strict TOML.
+//! [`prepare`] converts records for identification and converts results back; [`config`] reads strict TOML.
 
 pub mod config;
 pub mod prepare;

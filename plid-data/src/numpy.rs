@@ -1,8 +1,8 @@
 //! NumPy .npz archives and .npy arrays.
 //!
-//! The [format](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) is a header, which is a flat
-//! dictionary in Python's notation, followed by the numbers. Every size in it is checked against the bytes of the file
-//! before it is used.
+//! The [format](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) consists of a header, which is
+//! a flat dictionary in Python's notation, and the numbers. Every size in the header is checked against the number of
+//! bytes in the file before it is used.
 use super::DataError;
 use super::array::{array, count};
 use super::bytes::Storage;
@@ -16,7 +16,7 @@ use zip::ZipArchive;
 /// The largest ratio by which deflate can expand its input.
 const EXPANSION: u64 = 1032;
 
-/// A real array, or the kind of an array that is not one.
+/// A real array, or a description of an array that does not contain real numbers.
 type Array = Result<ArrayD<f64>, &'static str>;
 
 /// Reads an archive of named arrays.
@@ -43,11 +43,11 @@ pub(super) fn read_npz(path: &Path, bytes: &[u8], variable: Option<&str>) -> Res
     assemble(path, variables, variable)
 }
 
-/// Checks that the file is long enough for as many entries as its directory announces, because `zip` allocates them
-/// first. The end of the file states twice how many there are, in 16 bits or, for a large archive, in 64.
+/// Checks that the file is long enough for the number of entries that its directory announces, because `zip` first
+/// allocates memory for them. The end of the file states this number twice, in 16 bits or, for a large archive, in 64.
 ///
-/// As `zip` does, the search goes back from the end of the file to the first end of a directory that is sound. The data
-/// before it may hold the same marks by chance.
+/// As `zip` does, the search goes backwards from the end of the file to the first sound end of a directory. The data
+/// before it may contain the same marks by chance.
 fn require_directory(bytes: &[u8]) -> Result<(), String> {
     /// Bytes of an entry without its name.
     const ENTRY: u64 = 46;
@@ -80,13 +80,13 @@ fn require_directory(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the unsigned number of some bytes, the lowest first; bytes behind the end of the file are zero.
+/// Returns the unsigned number in some bytes, the lowest byte first. Bytes beyond the end of the file count as zero.
 fn number(bytes: &[u8], at: usize, count: usize) -> u64 {
     let there = bytes.get(at..).unwrap_or_default();
     there.iter().take(count).rev().fold(0, |number, &byte| number << 8 | u64::from(byte))
 }
 
-/// Reads a single array of `length` bytes; its columns are numbered.
+/// Reads a single array from a file of `length` bytes. Its columns are numbered.
 pub(super) fn read_npy(path: &Path, file: impl Read, length: u64) -> Result<Content, DataError> {
     let malformed = |what: String| DataError::Malformed { file: path.into(), what };
     let values = read_array(file, length)
@@ -95,7 +95,7 @@ pub(super) fn read_npy(path: &Path, file: impl Read, length: u64) -> Result<Cont
     assemble(path, vec![Variable::new("1".into(), values, false)], None)
 }
 
-/// Opens a matrix or a vector of `length` bytes, to be read row by row.
+/// Opens a matrix or a vector in a file of `length` bytes, to be read row by row.
 pub(super) fn open_npy<R: Read>(path: &Path, file: R, length: u64) -> Result<NpyRows<R>, DataError> {
     let malformed = |what: String| DataError::Malformed { file: path.into(), what };
     let numbers = Numbers::open(file, length)
@@ -121,13 +121,13 @@ pub(super) fn open_npy<R: Read>(path: &Path, file: R, length: u64) -> Result<Npy
 pub(super) struct NpyRows<R> {
     numbers: Numbers<R>,
     file: PathBuf,
-    /// Rows that are not read yet.
+    /// Rows that have not yet been read.
     pub rows: usize,
     pub columns: usize,
 }
 
 impl<R: Read> NpyRows<R> {
-    /// Reads the next rows, at most `most` of them, into `values`, and returns how many there were.
+    /// Reads the next rows, at most `most` of them, into `values`, and returns their number.
     pub fn next(&mut self, most: usize, values: &mut Vec<f64>) -> Result<usize, DataError> {
         let rows = most.min(self.rows);
         self.rows -= rows;
@@ -137,10 +137,10 @@ impl<R: Read> NpyRows<R> {
     }
 }
 
-/// Numbers read at a time.
+/// Number of values that are read at a time.
 const CHUNK: usize = 1 << 16;
 
-/// The header of an array in the .npy format, and the numbers behind it.
+/// The header of an array in the .npy format, and the numbers after it.
 struct Numbers<R> {
     file: R,
     shape: Vec<usize>,
@@ -153,8 +153,8 @@ struct Numbers<R> {
 }
 
 impl<R: Read> Numbers<R> {
-    /// Reads the header and compares it with the `length` of the file. The inner error says what an array holds that
-    /// does not hold real numbers.
+    /// Reads the header and compares it with the `length` of the file. The inner error describes an array that does not
+    /// contain real numbers.
     fn open(mut file: R, length: u64) -> Result<Result<Self, &'static str>, String> {
         let mut take = |count: u64| {
             let mut bytes = Vec::new();
@@ -210,7 +210,7 @@ impl<R: Read> Numbers<R> {
     }
 }
 
-/// An array of `length` bytes in the .npy format.
+/// Reads an array in the .npy format from a file of `length` bytes.
 fn read_array(file: impl Read, length: u64) -> Result<Array, String> {
     let mut numbers = match Numbers::open(file, length)? {
         Ok(numbers) => numbers,
@@ -232,8 +232,8 @@ fn shape(text: &str) -> Result<Vec<usize>, String> {
     }
 }
 
-/// Reads a type: whether the most significant byte comes first, and how a number is stored. The inner error says what
-/// an array holds that does not hold real numbers.
+/// Reads a type: whether the most significant byte comes first, and how a number is stored. The inner error describes
+/// an array that does not contain real numbers.
 fn number_type(text: &str) -> Result<Result<(bool, Storage), &'static str>, String> {
     let Some((name, _)) = text.strip_prefix('\'').and_then(|text| text.split_once('\'')) else {
         return Ok(Err("a structured array"));
@@ -339,7 +339,7 @@ mod tests {
         assert!(matches!(read_npy(Path::new("x.npy"), b"\x93NUMPY\x01\x00"), Err(DataError::Malformed { .. })));
     }
 
-    /// The first made the reader allocate 13 MB for 22 bytes.
+    /// The first case once made the reader allocate 13 MB for 22 bytes.
     #[test]
     fn a_directory_is_checked_against_the_bytes_of_the_file() {
         let ends = |first: u16, second: u16| {
@@ -356,7 +356,7 @@ mod tests {
         assert!(parse(b"PK\x03\x04 PK", None).is_err());
     }
 
-    /// The marks of a directory's end may occur in the numbers of an array.
+    /// The marks of the end of a directory may occur in the numbers of an array.
     #[test]
     fn marks_among_the_data_are_no_directory() {
         let ends = |count: u64| [&b"PK\x06\x06"[..], &[0; 20], &count.to_le_bytes(), b"PK\x05\x06"].concat();
@@ -377,7 +377,7 @@ mod tests {
         [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), data].concat()
     }
 
-    /// The first two made the earlier reader hang or abort.
+    /// The first two cases made an earlier reader hang or abort.
     #[test]
     fn a_header_is_checked_against_the_bytes_of_the_file() {
         let says = |bytes: &[u8]| read_npy(Path::new("x.npy"), bytes).err().unwrap().to_string();

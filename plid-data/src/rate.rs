@@ -7,11 +7,11 @@ use std::path::Path;
 const RATE_NAMES: [&str; 6] =
     ["fs", "sample_rate", "sample_rate_hz", "samplerate", "sampling_rate", "sampling_frequency"];
 
-/// The sample rate in Hz: the given one; else a scalar such as `Fs`; else a column of time
-/// (`t`, `time`, `Time_s`, `time [ms]`, ...); else 1 Hz with a warning.
+/// Returns the sample rate in Hz: the given one; else a scalar such as `Fs`; else the rate of a column of time (`t`,
+/// `time`, `Time_s`, `time [ms]`, ...); else 1 Hz with a warning.
 ///
 /// # Errors
-/// If the rate is zero, negative or not finite, or if time is not evenly spaced.
+/// Returns an error if the rate is zero, negative or not finite, or if the times are not evenly spaced.
 pub fn sample_rate(table: &Table, given: Option<f64>) -> Result<(f64, Option<Warning>), DataError> {
     if let Some(rate) = stated_rate(table, given)? {
         return Ok((rate, None));
@@ -26,7 +26,7 @@ pub fn sample_rate(table: &Table, given: Option<f64>) -> Result<(f64, Option<War
     Ok((1.0, Some(Warning::RateAssumed { file })))
 }
 
-/// The given rate in Hz, or else that of a scalar in the file.
+/// Returns the given rate in Hz, or else that of a scalar in the file.
 pub(super) fn stated_rate(table: &Table, given: Option<f64>) -> Result<Option<f64>, DataError> {
     if let Some(rate) = given {
         return checked(&table.source, rate, "as given".into()).map(Some);
@@ -35,7 +35,7 @@ pub(super) fn stated_rate(table: &Table, given: Option<f64>) -> Result<Option<f6
     scalar.map(|(name, rate)| checked(&table.source, *rate, format!("`{name}` in the file"))).transpose()
 }
 
-/// The name and the unit in s of the column of time, if there is one.
+/// Returns the name and the unit in s of the column of time, if there is one.
 pub(super) fn time_column(table: &Table) -> Option<(&str, f64)> {
     table.names.iter().find_map(|name| Some((name.as_str(), unit_of_time(name)?)))
 }
@@ -47,7 +47,7 @@ fn checked(file: &Path, rate_hz: f64, origin: String) -> Result<f64, DataError> 
     Err(DataError::BadRate { file: file.into(), rate_hz, origin })
 }
 
-/// The unit in s of a column of time; `None` if the name is not that of time.
+/// Returns the unit in s of a column of time; `None` if the name is not that of time.
 fn unit_of_time(name: &str) -> Option<f64> {
     let name = name.to_lowercase();
     let mut words = name.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
@@ -63,23 +63,23 @@ fn unit_of_time(name: &str) -> Option<f64> {
     words.next().is_none().then_some(unit)
 }
 
-/// The rate in Hz of times with the mean `step` between the first one and the `last`, which are at most `off_the_line`
-/// away from a straight line; `None` if they are not evenly spaced.
+/// Returns the rate in Hz of times that are at most `off_the_line` away from a straight line between the first and the
+/// `last` one, with the mean `step`; `None` if they are not evenly spaced.
 pub(super) fn rate_of_line(step: f64, off_the_line: f64, last: usize, unit_s: f64) -> Option<f64> {
     if !(step > 0.0 && off_the_line <= 0.25 * step) {
         return None;
     }
     let rate = 1.0 / (step * unit_s);
-    // The rounding of the times leaves this much open; a whole number in it is meant.
+    // Rounded times determine the rate only to within this tolerance. If it contains a whole number, that is the rate.
     let open = rate * (2.0 * off_the_line / (step * last as f64) + 1e-12);
     Some(if (rate - rate.round()).abs() <= open { rate.round() } else { rate })
 }
 
-/// The rate of evenly spaced times.
+/// Returns the rate of evenly spaced times.
 ///
-/// Printed times are rounded, so single steps say little: each time must lie within a quarter
-/// of a step of the line from first to last. A sample that is lost anywhere puts some time at
-/// least half a step off that line.
+/// Printed times are rounded, so single steps are not accurate. Each time must therefore lie within a quarter of a step
+/// of the line from the first to the last time. If a sample is lost, at least one time is half a step or more off that
+/// line.
 fn rate_of_time(table: &Table, name: &str, time: ArrayView1<f64>, unit_s: f64) -> Result<f64, DataError> {
     if let Some(k) = time.iter().position(|t| !t.is_finite()) {
         return Err(DataError::NotFinite {
@@ -180,7 +180,7 @@ mod tests {
         // 1600 Hz with four decimals: single steps are 0.0006 or 0.0007 s.
         let rounded = times(1.0 / 1600.0).iter().map(|t| (t * 1e4).round() / 1e4).collect();
         assert_eq!(sample_rate(&table("t", rounded), None).unwrap().0, 1600.0);
-        // A rate that is not a whole number stays so.
+        // A rate that is not a whole number is not rounded.
         let (rate, _) = sample_rate(&table("t", times(1.0 / 610.35)), None).unwrap();
         assert!((rate - 610.35).abs() < 1e-6);
     }

@@ -1,8 +1,8 @@
-//! Where public benchmark records are, for the tests here and in plid-lab.
+//! The location of public benchmark records, for the tests here and in plid-lab.
 
 use std::path::{Path, PathBuf};
 
-/// A benchmark file under `$PLID_SHARED/real` (or `../shared/real` next to the workspace).
+/// Returns the path of a benchmark file under `$PLID_SHARED/real` (or `../shared/real` next to the workspace).
 pub(crate) fn real_file(name: &str) -> Option<PathBuf> {
     let shared = std::env::var_os("PLID_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);

@@ -1,5 +1,5 @@
-//! Public benchmark records, if they are available; otherwise these tests report that they were
-//! skipped. The files are not part of the project.
+//! Tests with public benchmark records, which are not part of the project. If a file is not available, the test reports
+//! that it was skipped.
 use super::*;
 use crate::real_file::real_file;
 

@@ -11,19 +11,19 @@ pub struct Record {
     pub input_names: Vec<String>,
     /// Names of the p outputs.
     pub output_names: Vec<String>,
-    /// K x m, finite, in the data's units.
+    /// Inputs (K x m) in the data's units. All values are finite.
     pub inputs: Array2<f64>,
-    /// K x p, in the data's units; NaN marks a missing sample where the policy allows it.
+    /// Outputs (K x p) in the data's units. NaN marks a missing sample where the policy allows it.
     pub outputs: Array2<f64>,
 }
 
 impl Record {
-    /// Number of samples K.
+    /// Returns the number of samples K.
     pub fn samples(&self) -> usize {
         self.inputs.nrows()
     }
 
-    /// Length in s.
+    /// Returns the duration in s.
     pub fn duration_s(&self) -> f64 {
         self.samples() as f64 / self.sample_rate_hz
     }
@@ -39,7 +39,7 @@ pub fn require_alike(records: &[Record]) -> Result<(), DataError> {
     };
     for (i, other) in rest.iter().enumerate() {
         let differs = |what: String| Err(DataError::RecordsDiffer { record: i + 2, what });
-        // A rate from a column of printed times is known to its rounding only.
+        // A rate from a column of printed times is only known to within their rounding.
         let (rate, expected) = (other.sample_rate_hz, first.sample_rate_hz);
         if (rate - expected).abs() > 1e-4 * expected {
             return differs(format!("{rate} Hz where {expected} Hz is expected"));

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::path::Path;
 
-/// The largest magnitude of a sample. Sums of fourth powers of larger ones would overflow.
+/// The largest magnitude of a sample. Sums of fourth powers of larger values would overflow.
 const LARGEST: f64 = 1e70;
 
 /// The meaning of NaN in an output.
@@ -25,7 +25,7 @@ pub enum MissingPolicy {
 /// NaN in an input is an error whatever the policy, and so is a magnitude above 1e70 anywhere.
 ///
 /// # Errors
-/// As [`extract`] and [`check_excited`].
+/// Returns the errors of [`extract`] and [`check_excited`].
 pub fn select(
     table: &Table,
     inputs: &[String],
@@ -38,10 +38,10 @@ pub fn select(
     Ok((record, warnings))
 }
 
-/// As [`select`] for several files, which must agree in channels and rate.
+/// Applies [`select`] to several files, which must agree in channels and rate.
 ///
 /// # Errors
-/// As [`select`], and [`DataError::RecordsDiffer`].
+/// Returns the errors of [`select`], and [`DataError::RecordsDiffer`].
 pub fn select_all(
     tables: &[Table],
     inputs: &[String],
@@ -60,7 +60,7 @@ pub fn select_all(
     Ok((records, warnings))
 }
 
-/// Extracts inputs and outputs from a table; they may be constant, as in a zero-input record.
+/// Extracts inputs and outputs from a table. They may be constant, as in a zero-input record.
 ///
 /// # Errors
 /// Returns an error if a channel is unknown or named twice, if there is only one sample, if a value is missing or too
@@ -92,7 +92,7 @@ pub fn extract(
     Ok((record, warnings))
 }
 
-/// Checks that there are inputs and outputs, and none twice.
+/// Checks that there are inputs and outputs, and that none is named twice.
 pub(super) fn require_names(inputs: &[String], outputs: &[String]) -> Result<(), DataError> {
     for (side, names) in [("input", inputs), ("output", outputs)] {
         if names.is_empty() {
@@ -106,10 +106,11 @@ pub(super) fn require_names(inputs: &[String], outputs: &[String]) -> Result<(),
     }
 }
 
-/// The columns `names` of a table in that order, K x (number of names), each value checked against the policy.
+/// Returns the columns `names` of a table in that order, K x (number of names). Each value is checked against the
+/// policy.
 ///
 /// # Errors
-/// [`DataError::UnknownChannel`] with the nearest name, [`DataError::NotFinite`] with the place.
+/// Returns [`DataError::UnknownChannel`] with the nearest name, or [`DataError::NotFinite`] with the place.
 pub fn channels(table: &Table, names: &[String], missing: MissingPolicy) -> Result<Array2<f64>, DataError> {
     let mut out = Array2::zeros((table.samples(), names.len()));
     for (i, name) in names.iter().enumerate() {
@@ -233,7 +234,7 @@ mod tests {
         let still = "u,y,z\n0,2,3\n0,3,4\n0,4,5\n";
         let error = take(still, MissingPolicy::Error).unwrap_err();
         assert!(matches!(error, DataError::NoExcitation { .. }));
-        // A zero-input record may still be extracted, for the noise in it.
+        // A zero-input record may still be extracted to estimate its noise.
         let t = table(still);
         assert!(extract(&t, &names("u"), &names("y"), None, MissingPolicy::Error).is_ok());
     }

@@ -16,19 +16,19 @@ pub struct Table {
     pub names: Vec<String>,
     /// Samples x columns, in the units of the file; NaN where a cell is empty.
     pub columns: Array2<f64>,
-    /// Columns with a value in their first row only (as `Fs`), and variables of one element.
+    /// Columns with a value in their first row only (such as `Fs`), and variables of one element.
     pub scalars: BTreeMap<String, f64>,
     /// SHA-256 of the file's bytes, in hexadecimal.
     pub sha256: String,
-    /// For text, the line of each sample in the file, from 1; else empty.
+    /// For text, the line number of each sample in the file, from 1; otherwise empty.
     pub lines: Vec<usize>,
-    /// The first sample in the file, from 0; not 0 only for a [block](crate::Blocks) of a file.
+    /// Index of the first sample in the file, from 0. It is not 0 only for a [block](crate::Blocks) of a file.
     pub first: usize,
-    /// Notes on contents of the file that are not data.
+    /// Warnings about contents of the file that are not data.
     pub notes: Vec<Warning>,
 }
 
-/// Columns and scalars as a reader of one format finds them.
+/// Columns and scalars as the reader of one format finds them.
 pub(super) struct Content {
     pub names: Vec<String>,
     pub columns: Array2<f64>,
@@ -37,10 +37,10 @@ pub(super) struct Content {
     pub notes: Vec<Warning>,
 }
 
-/// Reads a data file. Its contents decide the format, then its extension.
+/// Reads a data file. Its first bytes decide the format, or else its extension.
 ///
 /// `variable` chooses one variable of a .mat or .npz file. Text and .npy files are read in pieces, so that only their
-/// numbers are held.
+/// numbers are held in memory.
 ///
 /// # Errors
 /// Returns a [`DataError`] with the file and, for text, line and column.
@@ -49,7 +49,7 @@ pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
     let mut file = BufReader::new(File::open(path).map_err(failed)?);
     let metadata = file.get_ref().metadata().map_err(failed)?;
     if !metadata.is_file() {
-        // A pipe does not know its length.
+        // The length of a pipe is not known.
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(failed)?;
         return read_bytes(path, &bytes, variable);
@@ -59,10 +59,10 @@ pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
     read_from(path, file, length, format, variable)
 }
 
-/// Reads the bytes of a data file. `path` names the file in messages, and its extension counts as in [`read`].
+/// Reads the bytes of a data file. `path` names the file in messages, and its extension is used as in [`read`].
 ///
 /// # Errors
-/// As [`read`].
+/// Returns the errors of [`read`].
 pub fn read_bytes(path: &Path, bytes: &[u8], variable: Option<&str>) -> Result<Table, DataError> {
     read_from(path, bytes, bytes.len() as u64, Format::of(path, bytes), variable)
 }
@@ -78,7 +78,7 @@ pub(super) enum Format {
 }
 
 impl Format {
-    /// The format by the first bytes of a file, then by its extension.
+    /// Returns the format according to the first bytes of a file, or else to its extension.
     pub fn of(path: &Path, first: &[u8]) -> Self {
         let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         match extension.as_str() {
@@ -137,12 +137,12 @@ pub(super) fn require_different(path: &Path, names: &[String]) -> Result<(), Dat
 }
 
 impl Table {
-    /// Number of samples.
+    /// Returns the number of samples.
     pub fn samples(&self) -> usize {
         self.columns.nrows()
     }
 
-    /// The column of a name, if there is one.
+    /// Returns the column with a name, if there is one.
     pub fn column(&self, name: &str) -> Option<ArrayView1<'_, f64>> {
         let index = self.names.iter().position(|n| n == name)?;
         Some(self.columns.column(index))

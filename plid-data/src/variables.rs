@@ -6,17 +6,18 @@ use ndarray::{Array2, Ix2};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
-/// A named array of at most two dimensions is a scalar, a column or a matrix; others are only
-/// named to the user.
+/// A named array. With at most two dimensions, it is a scalar, a column or a matrix; other arrays are only named to the
+/// user.
 pub(super) struct Variable {
     pub name: String,
     pub shape: Vec<usize>,
-    /// The values with samples as rows, or the kind of a variable that cannot be a table.
+    /// The values with samples as rows, or a description of a variable that cannot be a table.
     pub matrix: Result<Array2<f64>, &'static str>,
 }
 
 impl Variable {
-    /// A variable from real numbers; a vector lies along its samples, however it is turned.
+    /// Makes a variable from real numbers. The samples of a vector become rows; with `row_is_vector`, an array of one
+    /// row is a vector, too.
     pub fn new(name: String, values: ndarray::ArrayD<f64>, row_is_vector: bool) -> Self {
         let shape = values.shape().to_vec();
         let matrix = match shape.as_slice() {
@@ -31,7 +32,7 @@ impl Variable {
         Self { name, shape, matrix: matrix.map_err(|_| "an array of more than two dimensions") }
     }
 
-    /// A variable that can only be named, and `what` it is.
+    /// Makes a variable that can only be named; `what` describes it.
     pub fn unusable(name: String, shape: Vec<usize>, what: &'static str) -> Self {
         Self { name, shape, matrix: Err(what) }
     }
@@ -50,11 +51,11 @@ impl Variable {
     }
 }
 
-/// One table from the variables of a file.
+/// Makes one table from the variables of a file.
 ///
-/// Variables of one element are scalars. All others, or only the one that is chosen, must have
-/// the same number of rows. A lone matrix has numbered columns; else a vector has its own name
-/// and a matrix `y` the names `y1`, `y2`, ...
+/// Variables of one element are scalars. All others, or only the chosen one, must have the same number of rows. A
+/// single matrix has numbered columns. Otherwise, a vector has its own name, and the columns of a matrix `y` are `y1`,
+/// `y2`, ...
 pub(super) fn assemble(path: &Path, mut variables: Vec<Variable>, choice: Option<&str>) -> Result<Content, DataError> {
     let there = || {
         let all: Vec<String> = variables.iter().map(Variable::describe).collect();
@@ -65,7 +66,7 @@ pub(super) fn assemble(path: &Path, mut variables: Vec<Variable>, choice: Option
         let what = format!("two variables are named `{}`", twice.name);
         return Err(DataError::Malformed { file: path.into(), what });
     }
-    // Where one variable is chosen, the others are not asked for.
+    // If one variable is chosen, the user did not ask for the others.
     let notes = if choice.is_some() { Vec::new() } else { unused(path, &variables) };
     let mut scalars = BTreeMap::new();
     let mut parts: Vec<(usize, &str, &Array2<f64>)> = Vec::new();
@@ -104,7 +105,7 @@ pub(super) fn assemble(path: &Path, mut variables: Vec<Variable>, choice: Option
     }
     let names = column_names(&parts);
     let columns = match parts.as_slice() {
-        // A lone matrix is moved and not copied: it may be most of the memory.
+        // A single matrix is moved and not copied, because it may take most of the memory.
         &[(number, ..)] => std::mem::replace(&mut variables[number].matrix, Err("")),
         _ => {
             let views: Vec<_> = parts.iter().map(|(_, _, matrix)| matrix.view()).collect();

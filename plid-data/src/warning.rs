@@ -1,17 +1,17 @@
-//! Warnings for the reader of a report, which do not stop the calculation.
+//! Warnings for the reader of a report. They do not stop the calculation.
 use serde::{Deserialize, Serialize};
 
-/// A named warning on data or their preparation; `Display` says it in a sentence.
+/// A named warning on data or their preparation; `Display` states it in a sentence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(tag = "warning", rename_all = "kebab-case")]
 pub enum Warning {
-    /// Neither config nor file gives the sample rate.
+    /// Neither the config nor the file gives the sample rate.
     #[error("{file} does not state its sample rate: 1 Hz is assumed, so all frequencies are in cycles per sample")]
     RateAssumed {
         /// The file.
         file: String,
     },
-    /// A variable of a file that holds no table of real numbers.
+    /// A variable of a file that is not a table of real numbers.
     #[error("{file}: variable `{variable}` is {what} and is ignored")]
     UnusedVariable {
         /// The file.
@@ -55,9 +55,9 @@ pub enum Warning {
         record: usize,
         /// Missing samples before decimation.
         missing: usize,
-        /// Missing samples after it.
+        /// Missing samples after decimation.
         masked: usize,
-        /// All samples after it.
+        /// Total number of samples after decimation.
         samples: usize,
     },
     /// There are few equations per unknown.
@@ -71,17 +71,17 @@ pub enum Warning {
     /// The inputs do not excite enough directions for the number of parameters.
     #[error("the inputs are persistently exciting only to order {order}, where {wanted} is required")]
     PoorExcitation {
-        /// Order of persistent excitation that was found.
+        /// The order of persistent excitation that was found.
         order: usize,
-        /// Order that was asked about.
+        /// The required order.
         wanted: usize,
     },
     /// The inputs excite some directions only weakly.
     #[error("the inputs are ill-conditioned over {depth} samples: condition number {condition:.1e}")]
     IllConditionedInput {
-        /// Samples side by side in the block Hankel matrix.
+        /// Number of consecutive samples in each column of the block Hankel matrix.
         depth: usize,
-        /// Largest over smallest eigenvalue of its covariance.
+        /// Ratio of the largest to the smallest eigenvalue of the covariance of these samples.
         condition: f64,
     },
     /// The power of an input is concentrated in a small part of the band.
@@ -97,7 +97,7 @@ pub enum Warning {
         /// Upper edge in Hz.
         high_hz: f64,
     },
-    /// The sample rate is high against the band of the data.
+    /// The sample rate is high compared with the band of the data.
     #[error(
         "the data lie below {band_hz:.4} Hz but are sampled at {rate_hz:.6} Hz: decimation to {suggested_hz:.6} Hz is \
          suggested"

@@ -1,7 +1,7 @@
 //! Discrete Fourier transforms of real signals.
 //!
-//! The transforms of the library `rustfft` are generic, and each crate that calls them compiles all of them. Only this
-//! crate does.
+//! The transforms of the library `rustfft` are generic, so each crate that calls them would compile all of them. Only
+//! this crate calls them.
 
 use std::cell::RefCell;
 
@@ -9,14 +9,14 @@ use realfft::RealFftPlanner;
 
 pub use realfft::num_complex::Complex64;
 
-/// A complex number, as short as equations need it.
+/// A complex number. The short name keeps equations short.
 pub type C = Complex64;
 
 thread_local! {
     static PLANNER: RefCell<RealFftPlanner<f64>> = RefCell::new(RealFftPlanner::new());
 }
 
-/// Returns lines 0 to n/2 of the unscaled transform of `x` (n samples); none for no sample.
+/// Returns lines 0 to n/2 of the unscaled transform of `x` (n samples); none if `x` is empty.
 pub fn forward(x: &[f64]) -> Vec<Complex64> {
     forward_of(&mut x.to_vec())
 }
@@ -32,7 +32,7 @@ pub fn forward_of(x: &mut [f64]) -> Vec<Complex64> {
     lines
 }
 
-/// Returns the real signal of `n` samples whose transform has these lines from 0 to n/2.
+/// Returns the real signal of `n` samples whose transform has the lines 0 to n/2.
 ///
 /// # Panics
 /// Panics if there are fewer than n/2 + 1 lines.

@@ -47,7 +47,7 @@ pub enum GapError {
     Port {
         /// The name of the port.
         name: String,
-        /// Why not.
+        /// The reason.
         message: String,
     },
     /// The engineer's own simulator failed.

@@ -1,4 +1,4 @@
-//! Single steps of the diagnosis, for studies that omit one of them, replace it, or compare it with something else.
+//! Single steps of the diagnosis, for studies that omit one of them, replace it, or compare it with an alternative.
 //!
 //! A diagnosis does not need them: see [`diagnose`](crate::diagnose()).
 
@@ -19,7 +19,7 @@ pub use crate::search::stochastic::stochastic_effects;
 pub use crate::signal::tones::Tone;
 pub use crate::simulate::{Fineness, Run, before_sensors, changed_plant, simulate};
 
-/// Where the gap lies: by output, band, time and level.
+/// The location of the gap by output, band, time and level.
 pub mod locate {
     pub use crate::judge::locate::{BANDS, Map, STRETCHES, errors, map};
     pub use crate::judge::side::{places, side};

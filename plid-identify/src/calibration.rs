@@ -1,13 +1,13 @@
-//! The ratio of the innovations to their size predicted by the covariances.
+//! The ratio of the innovations' mean square to the variance that the covariances predict.
 
 use plid_core::{Dense, IdentifiedModel, ImplicitModel, ObservableForm};
 
-/// The final fraction of the training data whose innovations count, by which time the recursion has converged.
+/// The final fraction of the training data whose innovations count, because the recursion has converged by then.
 const SETTLED: f64 = 0.25;
 
 /// Returns the mean square of the last innovations over their variance according to P and R at the end, averaged over
-/// the outputs. It is 1 if the noise covariances have the right size; otherwise the covariance of the estimate is too
-/// small by this factor. `innovations` holds one array (K x p) per record.
+/// the outputs. The ratio is 1 if the noise covariances have the right size; otherwise the covariance of the estimate
+/// is too small by this factor. `innovations` holds one array (K x p) per record.
 pub fn innovation_ratio(
     form: &ObservableForm,
     sensor: &Dense<f64>,
@@ -36,7 +36,8 @@ mod tests {
     use super::*;
     use ndarray::Array2;
 
-    /// Innovations of twice the expected RMS, after an initial part that must not count; one is missing.
+    /// The innovations have twice the expected RMS after an initial part that must not count, and one of them is
+    /// missing.
     #[test]
     fn the_ratio_is_that_of_the_settled_innovations() {
         let form = ObservableForm::new(&[1, 1], 1).unwrap();

@@ -1,4 +1,4 @@
-//! The front door: from two arrays to a model.
+//! The main entry point: identification of a model from two arrays.
 
 use nalgebra::{DMatrix, DVector};
 use ndarray::{Array2, ArrayView1, ArrayView2, Axis, concatenate};
@@ -13,28 +13,30 @@ use crate::{
 
 /// Orders that are compared if the number of states is not given.
 const ORDERS: [usize; 12] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64];
-/// The comparison ends after this number of orders without an error that is smaller by more than the slack.
+/// The comparison ends after this number of consecutive orders that do not reduce the error by more than the slack.
 const PATIENCE: usize = 2;
-/// Relative simulation errors below this count as equal: a larger order then follows only rounding.
+/// Relative simulation errors below this value count as equal, because a larger order would then fit only rounding
+/// errors.
 const EXPLAINED: f64 = 1e-3;
-/// The RMS of as many independent errors varies by one part in the root of twice their number (one standard deviation).
-/// Orders whose simulation errors differ by less than this number of standard deviations count as equal.
+/// The RMS of N independent errors has a relative standard deviation of 1 / sqrt(2 N). Orders whose simulation errors
+/// differ by less than this number of standard deviations count as equal.
 const CHANCE: f64 = 2.0;
-/// Samples needed per parameter column and state; with fewer, an order is not considered.
+/// Number of samples needed per parameter, of which there are n (p + m). An order with fewer samples is not
+/// considered.
 const SAMPLES_PER_PARAMETER: usize = 4;
 /// Share of the record on which the filters of the bank run; the rest scores them.
 const LEARNING_SHARE: f64 = 0.75;
 
 /// Identifies a plant from its inputs (K x m) and outputs (K x p), one row per sample, at the sample rate `rate` in Hz.
 ///
-/// The number of states is the smallest whose model simulates the last quarter of the record as well as the best one,
-/// to within 5 % or the scatter of that number of samples, or with a relative error below 1e-3. The noise covariances
-/// are chosen by the same error. The operating point is identified together with the plant: the mean of a finite record
-/// is not exactly where the plant is at rest, and the difference is not to be taken for further states.
-/// [`Identification`] has the options.
+/// The number of states is the smallest with which the error of a simulation of the last quarter of the record is
+/// within 5 % of the smallest error, within the scatter of an error over that number of samples, or below 1e-3 of the
+/// output. The noise covariances are chosen by the same error. The operating point is identified together with the
+/// plant: the means of a finite record are not exactly an equilibrium of the plant, and the difference would otherwise
+/// be mistaken for additional states. [`Identification`] has the options.
 ///
 /// # Errors
-/// As [`Identification::run`].
+/// Returns the errors of [`Identification::run`].
 pub fn identify(
     inputs: ArrayView2<'_, f64>,
     outputs: ArrayView2<'_, f64>,
@@ -43,12 +45,12 @@ pub fn identify(
     Identification::default().run(inputs, outputs, rate)
 }
 
-/// A caller that watches a long identification, from several threads at once.
+/// Callbacks that watch a long identification. Several threads call them at once.
 #[derive(Clone, Copy)]
 pub struct Watch<'a> {
-    /// Receives the number of states, and the numbers of filters done and planned for it.
+    /// Receives the number of states, and the numbers of filters done and planned for this order.
     pub progress: &'a (dyn Fn(usize, usize, usize) + Sync),
-    /// Returns whether to go on.
+    /// Returns whether to continue.
     pub may_go_on: &'a (dyn Fn() -> bool + Sync),
 }
 
@@ -69,7 +71,8 @@ impl Identification {
         self
     }
 
-    /// Sets the covariance form; by default it is the recommended one for size, scalar and length.
+    /// Sets the covariance form; by default it is the recommended one for the size, the scalar type and the length of
+    /// the record.
     pub fn covariance(mut self, covariance: CovarianceName) -> Self {
         self.variant.covariance = Some(covariance);
         self
@@ -114,10 +117,11 @@ impl Identification {
         self.run_watched(inputs, outputs, rate, Watch { progress: &|_, _, _| (), may_go_on: &|| true })
     }
 
-    /// As [`Identification::run`], watched by the caller.
+    /// Identifies a plant as [`Identification::run`] does, watched by the caller.
     ///
     /// # Errors
-    /// As [`Identification::run`]; [`IdentifyError::Interrupted`] if it may not go on.
+    /// Returns the errors of [`Identification::run`], and [`IdentifyError::Interrupted`] if the identification may not
+    /// go on.
     pub fn run_watched(
         &self,
         inputs: ArrayView2<'_, f64>,
@@ -151,7 +155,8 @@ impl Identification {
         })
     }
 
-    /// Tunes the noise covariances for the given order, or for each order until a larger one no longer helps.
+    /// Tunes the noise covariances for the given order, or for each order until larger orders no longer reduce the
+    /// error.
     fn find_order(
         &self,
         samples: Samples<'_>,
@@ -201,7 +206,7 @@ impl Identification {
         let expectations = self.variant.expectations;
         let bank = Bank { form: form.clone(), settings, expectations, sensor: None, actuator: vec![0.0; m] };
         let progress = |done, planned| (watch.progress)(states, done, planned);
-        // Views that live no longer than what watches.
+        // The lifetime of the views is shortened to that of the callbacks.
         let samples = Samples { inputs: samples.inputs.view(), outputs: samples.outputs.view(), ..samples };
         let split = Split::new(&[samples], LEARNING_SHARE);
         let memory = Memory::default();
@@ -245,16 +250,16 @@ struct Found {
 #[derive(Clone, Debug)]
 pub struct Identified {
     /// The model in the channels' units, with its parameter covariance. Its inputs and outputs are deviations from the
-    /// operating point in `scaling`. The covariance is multiplied by `innovation_ratio`; standard deviations from it
-    /// are right to within a factor of about two, because only a common factor of the noise covariances can be seen in
-    /// the innovations.
+    /// operating point in `scaling`. The covariance is multiplied by `innovation_ratio`; standard deviations derived
+    /// from the covariance are correct to within a factor of about two, because the innovations determine only a
+    /// common factor of the noise covariances.
     pub model: Model,
-    /// The operating point and the RMS values of the channels: the means of the inputs, and the outputs that the plant
-    /// has at rest with these inputs.
+    /// The operating point and the RMS values of the channels. The operating point consists of the means of the inputs
+    /// and the outputs of the plant at rest under these inputs.
     pub scaling: ChannelScaling,
     /// The orders that were compared; `None` if the number of states was given.
     pub orders: Option<OrderScan>,
-    /// The form, expectation, library and number type of the recursion.
+    /// The covariance form, conditional expectation, matrix library and number type of the recursion.
     pub variant: Variant,
     /// The noise covariances of the scaled channels.
     pub noise: NoiseModel,
@@ -268,14 +273,14 @@ pub struct Identified {
 /// Appends an input that is always one.
 ///
 /// The mean of an output over a finite record is not the plant's response to the mean of the inputs. The difference is
-/// a constant that the plant does not explain: without an input of its own it takes a further state for each output,
-/// and a record with little noise would ask for these states.
+/// a constant that the plant does not explain. Without an input of its own, this constant takes an additional state
+/// for each output, and the order selected from a record with little noise would include these states.
 fn with_constant(inputs: &Array2<f64>) -> Array2<f64> {
     concatenate![Axis(1), inputs.view(), Array2::ones((inputs.nrows(), 1))]
 }
 
-/// Removes the constant input of [`with_constant`]. Returns the outputs at rest with it (p); `None` if the plant has
-/// none, as with a pole at 1.
+/// Removes the constant input of [`with_constant`]. Returns the outputs (p) of the plant at rest under this input;
+/// `None` if the plant has no equilibrium, for example because of a pole at 1.
 fn take_constant(model: &mut Model) -> Option<DVector<f64>> {
     let last = model.m() - 1;
     let constant = model.b.column(last).into_owned();
@@ -289,8 +294,8 @@ fn take_constant(model: &mut Model) -> Option<DVector<f64>> {
     Some(&model.c * at_rest).filter(|outputs| outputs.iter().all(|y| y.is_finite()))
 }
 
-/// Converts the estimate to a model in the channels' units, all covariances multiplied by `ratio`, and moves the
-/// operating point of the outputs to where the plant is at rest.
+/// Converts the estimate to a model in the channels' units, with all covariances multiplied by `ratio`, and moves the
+/// operating point of the outputs to the equilibrium of the plant.
 fn in_channel_units(
     plan: &Plan,
     done: &RecursionRun,
@@ -331,7 +336,7 @@ fn scaled(
         let mean = mean(column.view(), |x| x);
         column.mapv_inplace(|x| x - mean);
         let rms = self::mean(column.view(), |x| x * x).sqrt();
-        // Rounding leaves a trace of the mean in a channel that is constant.
+        // In a constant channel, rounding leaves a small remainder of the mean.
         if !(rms > 1e-12 * mean.abs()) {
             return Err(IdentificationError::Constant { channel: channel() });
         }
@@ -368,7 +373,7 @@ pub enum IdentificationError {
     NotFinite {
         /// The channel: u1, u2, ... or y1, y2, ...
         channel: String,
-        /// The sample, from 0.
+        /// The index of the sample, counted from 0.
         sample: usize,
     },
     /// A channel never changes.
@@ -405,12 +410,12 @@ mod tests {
 
     const RATE: f64 = 50.0;
 
-    /// Two modes, two inputs, two outputs.
+    /// Returns a plant with two modes, two inputs and two outputs.
     fn plant() -> Model {
         plant_of(4, 2)
     }
 
-    /// Two or three modes, one or two inputs and as many outputs.
+    /// Returns a plant with two or three modes, and with one or two inputs and as many outputs.
     fn plant_of(states: usize, channels: usize) -> Model {
         let mut a = DMatrix::zeros(6, 6);
         for (at, radius, angle) in [(0, 0.97_f64, 0.6_f64), (2, 0.95, 1.3), (4, 0.98, 2.0)] {
@@ -424,7 +429,7 @@ mod tests {
         Model::new(RATE, part(&a, states, states), part(&b, states, channels), part(&c, channels, states), d).unwrap()
     }
 
-    /// Inputs and noisy outputs of [`plant`].
+    /// Returns inputs and noisy outputs of [`plant`].
     fn record(seed: u64, samples: usize, noise: f64) -> (Array2<f64>, Array2<f64>) {
         record_of(&plant(), seed, samples, noise)
     }
@@ -453,7 +458,8 @@ mod tests {
                 count += 1;
             }
         }
-        // The deviations are right to within a factor of two; the mean was 2.0 when this test was written.
+        // The standard deviations are correct to within a factor of two; the mean squared ratio was 2.0 when this test
+        // was written.
         let ratio = sum / f64::from(count);
         assert!((0.25..4.0).contains(&ratio), "{ratio}");
     }
@@ -477,7 +483,7 @@ mod tests {
         }
     }
 
-    /// The operating point: the mean of the outputs is that of the inputs times the plant's gain at zero frequency.
+    /// At the operating point, the outputs are the means of the inputs times the plant's gain at zero frequency.
     #[test]
     fn the_plant_is_at_rest_at_the_operating_point() {
         let plant = plant();

@@ -1,5 +1,5 @@
-//! Identification from arrays: [`identify`] is the short way, and the other functions are its steps: the recursion, the
-//! noise covariances, the order, and the model.
+//! Identification from arrays. [`identify`] performs all steps; the other functions perform them separately: the
+//! recursion, and the selection of the noise covariances, the order and the model.
 //!
 //! The steps expect channels of comparable size (usually scaled to unit RMS), with one row per sample.
 
@@ -29,7 +29,7 @@ pub struct Samples<'a> {
     pub inputs: ArrayView2<'a, f64>,
     /// Outputs (K x p); NaN where a sample is missing.
     pub outputs: ArrayView2<'a, f64>,
-    /// Whether NaN among the outputs marks a missing sample; otherwise it is an error.
+    /// Whether a NaN among the outputs marks a missing sample; otherwise a NaN is an error.
     pub nan_is_missing: bool,
 }
 
@@ -72,7 +72,7 @@ pub enum IdentifyError {
 }
 
 impl IdentifyError {
-    /// The failure of a covariance form, if P has lost positive definiteness.
+    /// Returns the error of the covariance form if P has lost positive definiteness.
     pub fn lost(&self) -> Option<&IdentifierError> {
         match self {
             Self::Variant(VariantError::Identifier(lost @ IdentifierError::Indefinite { .. })) => Some(lost),
@@ -81,8 +81,9 @@ impl IdentifyError {
     }
 }
 
-/// Simulates an identified model on `samples` from its own state and returns the relative error: the root of the
-/// squared error over the outputs' power, averaged over the outputs. It is infinite if the simulation diverges.
+/// Simulates an identified model on `samples` from its own state and returns the relative error: the square root of
+/// the mean, over the outputs, of the squared error divided by the output's power. The error is infinite if the
+/// simulation diverges.
 pub fn free_run_error(model: &IdentifiedModel, form: &ObservableForm, samples: Samples<'_>) -> f64 {
     use plid_core::ImplicitModel;
     let (n, p) = (form.states(), form.outputs());

@@ -1,9 +1,9 @@
 //! Selection of the noise covariances by simulation error over a bank of filters.
 //!
 //! The noise covariances matter more than any other setting of PLID, and the record itself determines which are best.
-//! Each filter of the bank is run over the first part of the training data, its model is then fixed, and its simulation
-//! error on the rest of the training data is its score. The bank is a coarse grid over R and Sigma / R in decades,
-//! followed by a descent to the best neighbour.
+//! Each filter of the bank is run over the first part of the training data. Its model is then fixed, and the model's
+//! simulation error on the rest of the training data is the filter's score. The bank is a coarse grid over R and Sigma
+//! / R in decades, followed by a descent to the best neighbour.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -33,7 +33,7 @@ pub struct Bank {
 /// One filter of the bank and its score.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// The variance R_ii, or the factor on the known R.
+    /// The variance R_ii. If R is known, this is the mean of its diagonal, rounded to a tenth of a decade.
     pub sensor: f64,
     /// The variance Sigma_ii.
     pub state: f64,
@@ -60,7 +60,7 @@ pub type Point = (i32, i32);
 /// Step sizes of the descent in tenths of a decade: one decade, then a third of one.
 const DECADE: i32 = 10;
 const THIRD: i32 = 3;
-/// Below this exponent Sigma_ii has no effect in double precision.
+/// The exponent of Sigma_ii, in tenths of a decade, below which Sigma_ii has no effect in double precision.
 const SMALLEST: i32 = -130;
 
 impl Bank {
@@ -104,14 +104,15 @@ impl Bank {
 
     /// Returns the recursion with `noise`, as the bank runs it.
     pub fn plan(&self, noise: NoiseModel) -> Plan {
-        // The direct form is the fastest. A setting for which it fails is too close to the stability limit to be
-        // selected.
+        // The direct form is the fastest. A setting for which this form fails is too close to the stability limit to
+        // be selected.
         let (covariance, expectations) = (CovarianceName::Direct, self.expectations);
         let variant = Variant { covariance, expectations, ..Variant::default() };
         Plan { form: self.form.clone(), noise, settings: self.settings.clone(), variant, passes: 1 }
     }
 
-    /// Returns the simulation error of the filter with `noise`; infinite if the filter or its model diverges.
+    /// Returns the simulation error of the filter with `noise`; infinite if the filter or its model diverges, and
+    /// `None` if the run was interrupted.
     fn score(&self, noise: NoiseModel, split: &Split<'_>, may_go_on: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
         match identified(&self.plan(noise), &split.learn, may_go_on) {
             Ok(Some(model)) => Some(free_run_error(&model, &self.form, split.score)),
@@ -121,8 +122,8 @@ impl Bank {
     }
 }
 
-/// Runs the recursion as [`super::run`] does, without innovations, which of many filters would fill the memory. Returns
-/// `None` if it may not go on.
+/// Runs the recursion as [`super::run`] does, but does not keep the innovations, because those of many filters would
+/// fill the memory. Returns `None` if the run was interrupted.
 fn identified(
     plan: &Plan,
     records: &[Samples<'_>],
@@ -156,7 +157,7 @@ impl<'a> Split<'a> {
     /// of the last record.
     ///
     /// # Panics
-    /// Panics without a record.
+    /// Panics if there is no record.
     pub fn new(training: &[Samples<'a>], share: f64) -> Self {
         let (last, before) = training.split_last().expect("there is a training record");
         let total: usize = training.iter().map(Samples::len).sum();
@@ -167,7 +168,7 @@ impl<'a> Split<'a> {
     }
 }
 
-/// Known scores by indices and grid point, which an interrupted run does not repeat.
+/// Known scores by indices and grid point, so that a resumed search does not compute them again.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Memory(Vec<(Vec<usize>, Point, Option<f64>)>);
 
@@ -203,7 +204,7 @@ pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError
     tune_by(bank, bank.start(), *progress, memory, &|point| bank.score(bank.noise(point), split, *may_go_on))
 }
 
-/// Scores points once each, and remembers the scores.
+/// Scores each point once and stores the score.
 struct Evaluator<'a> {
     /// The observability indices for which the scores hold.
     indices: Vec<usize>,
@@ -247,8 +248,8 @@ impl Evaluator<'_> {
     }
 }
 
-/// Searches from any points of the grid of `bank` with any score: a simulation error, infinite if there is no model, or
-/// `None` if the user requested an interruption.
+/// Searches from any points of the grid of `bank` with any score. The score is a simulation error, which is infinite
+/// if there is no model, or `None` if the user requested an interruption.
 ///
 /// # Errors
 /// Returns the errors of [`tune`].
@@ -261,8 +262,8 @@ pub fn tune_by(
 ) -> Result<Tuned, IdentifyError> {
     let mut scores: BTreeMap<Point, f64> = BTreeMap::new();
     let mut evaluator = Evaluator { indices: bank.form.indices().to_vec(), progress, memory, score };
-    // Ties, such as two infinite errors, are resolved in favour of the larger Sigma, which forgets a poor initial
-    // estimate sooner.
+    // Ties, such as two infinite errors, are resolved in favour of the larger R and, for equal R, of the larger Sigma,
+    // with which the filter forgets a poor initial estimate sooner.
     let best = |scores: &BTreeMap<Point, f64>| -> (Point, f64) {
         scores
             .iter()

@@ -13,8 +13,8 @@ pub struct ScanRow {
     pub states: usize,
     /// Observability indices n_1, ..., n_p.
     pub indices: Vec<usize>,
-    /// Relative simulation error of the best filter on the scoring part of the training data; `None` if none gave a
-    /// model.
+    /// Relative simulation error of the best filter on the scoring part of the training data; `None` if no filter gave
+    /// a model.
     pub free_run: Option<f64>,
 }
 
@@ -23,17 +23,18 @@ pub struct ScanRow {
 pub struct OrderScan {
     /// One row per order, in increasing order.
     pub rows: Vec<ScanRow>,
-    /// The smallest order whose error is within a factor of the smallest error: [`OrderScan::SLACK`], or more where the
-    /// samples that score the models are few.
+    /// The smallest order whose error is within a factor of the smallest error. The factor is [`OrderScan::SLACK`], or
+    /// larger if few samples score the models.
     pub recommended: usize,
 }
 
 impl OrderScan {
-    /// The largest permissible ratio of the error of a smaller model to the smallest error, if the samples are many.
+    /// The largest permissible ratio of the error of a smaller model to the smallest error, if many samples score the
+    /// models.
     pub const SLACK: f64 = 1.05;
 
-    /// Selects the order from the rows of a scan: the smallest within the factor `slack` of the smallest error. `None`
-    /// if no order gave a model.
+    /// Selects the order from the rows of a scan: the smallest order whose error is within the factor `slack` of the
+    /// smallest error. Returns `None` if no order gave a model.
     pub(crate) fn of(mut rows: Vec<ScanRow>, slack: f64) -> Option<Self> {
         rows.sort_by_key(|row| row.states);
         let best = rows.iter().filter_map(|row| row.free_run).fold(f64::INFINITY, f64::min);
@@ -69,7 +70,7 @@ pub fn scan_orders(
 }
 
 /// Moves one state at a time from one output to another as long as this reduces the simulation error by more than two
-/// per cent. Returns the best indices and all those tried.
+/// per cent. Returns the best indices and the rows of all indices that gave a model.
 ///
 /// # Errors
 /// Returns [`IdentifyError::NoSetting`] if the initial indices gave no model.

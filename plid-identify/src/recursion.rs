@@ -60,7 +60,7 @@ pub enum Ending {
     Paused(Box<Paused>),
 }
 
-/// A recursion that takes its samples as they come, so that the records need not be held.
+/// A recursion that takes one sample at a time, so that the records need not be held in memory.
 ///
 /// [`run`] does the same for records in memory.
 pub struct Course<'p> {
@@ -101,14 +101,13 @@ impl<'p> Course<'p> {
     /// prior of the state.
     ///
     /// # Errors
-    /// As [`Course::start`].
+    /// Returns the errors of [`Course::start`].
     pub fn next_record(&mut self) -> Result<(), IdentifyError> {
         self.recursion = build(self.plan, Some(&self.recursion.identified()))?;
         Ok(())
     }
 
-    /// The state of the recursion after `stretch` completed records or passes, with the innovations that are to be
-    /// kept.
+    /// Returns the state of the recursion after `stretch` completed segments, with the innovations to be kept.
     pub fn pause(&self, stretch: usize, innovations: &[Array2<f64>]) -> Paused {
         let saved = |array: &Array2<f64>| array.iter().map(|&e| e.is_finite().then_some(e)).collect();
         Paused {
@@ -122,24 +121,24 @@ impl<'p> Course<'p> {
     /// Continues from a paused recursion.
     ///
     /// # Errors
-    /// Returns an error if it is of another size.
+    /// Returns an error if the paused recursion has different dimensions.
     pub fn resume(&mut self, paused: &Paused) -> Result<(), IdentifyError> {
         Ok(self.recursion.restore(&paused.checkpoint).map_err(VariantError::from)?)
     }
 
-    /// Ends the recursion with the innovations that were kept.
+    /// Ends the recursion and returns the result with the innovations that were kept.
     pub fn finish(self, innovations: Vec<Array2<f64>>) -> RecursionRun {
         RecursionRun { identified: self.recursion.identified(), innovations, health: self.recursion.health() }
     }
 }
 
 impl Paused {
-    /// The numbers of completed records or passes, and of samples done in the next one.
+    /// Returns the number of completed segments, and the number of samples done in the next one.
     pub fn place(&self) -> (usize, usize) {
         (self.stretch, self.checkpoint.step() as usize)
     }
 
-    /// The innovations that were kept, by record and row; NaN for a missing sample.
+    /// Returns the innovations that were kept, by record and row; NaN for a missing sample.
     pub fn innovations(&self) -> impl Iterator<Item = impl Iterator<Item = f64> + '_> + '_ {
         self.innovations.iter().map(|saved| saved.iter().map(|e| e.unwrap_or(f64::NAN)))
     }
@@ -227,7 +226,7 @@ mod tests {
     use super::*;
     use plid_catalogue::ScalarName;
 
-    /// The sum of the records before the place did not end.
+    /// With a place beyond the records, the sum of the lengths of the segments before that place did not terminate.
     #[test]
     fn a_checkpoint_beyond_the_records_is_refused() {
         let form = ObservableForm::new(&[1], 1).unwrap();

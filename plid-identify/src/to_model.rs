@@ -1,4 +1,4 @@
-//! From an estimate to a model that can be simulated, analysed and saved.
+//! Conversion of an estimate to a model that can be simulated, analysed and saved.
 
 use nalgebra::DMatrix;
 use plid_core::{Dense, IdentifiedModel};

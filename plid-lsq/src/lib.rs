@@ -1,6 +1,6 @@
 //! Nonlinear least squares: one search for every fit of this workspace.
 //!
-//! A problem ([`Problem`]) gives the cost of a point and its normal equations there; [`minimise`] takes damped
+//! A problem ([`Problem`]) gives the cost of a point and its normal equations there, and [`minimise`] takes damped
 //! Gauss-Newton steps until the cost stops falling. With the residual r = data - model, the Jacobian J of the model and
 //! a positive diagonal matrix D, a step solves
 //!
@@ -8,13 +8,13 @@
 //! (J'J + damping D) step = J'r,
 //! ```
 //!
-//! which is a Gauss-Newton step for no damping and a short step of steepest descent, in the scale of D, for much of it
-//! (Levenberg, *Q. Appl. Math.* 2, 1944, 164; Marquardt, *J. SIAM* 11, 1963, 431). Since only J'J and J'r are needed, a
-//! long record is summed block by block and its Jacobian is never stored. A Gaussian prior adds its precision to J'J
-//! and its pull to J'r. Nothing is allocated within a step, apart from what the problem itself allocates.
+//! which gives a Gauss-Newton step without damping, and a short step of steepest descent in the scale of D with strong
+//! damping (Levenberg, *Q. Appl. Math.* 2, 1944, 164; Marquardt, *J. SIAM* 11, 1963, 431). Since only J'J and J'r are
+//! needed, a long record is summed block by block and its Jacobian is never stored. A Gaussian prior adds its precision
+//! to J'J and its pull to J'r. Nothing is allocated within a step, apart from what the problem itself allocates.
 //!
 //! # Example
-//! The decay rate of y = e^(-bt), in its logarithm, so that it stays positive:
+//! The decay rate of y = e^(-bt) is fitted by its logarithm, so that it stays positive:
 //!
 //! ```
 //! use std::convert::Infallible;

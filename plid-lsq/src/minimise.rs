@@ -1,56 +1,56 @@
-//! The search: damped steps, of which only those that lower the cost are taken.
+//! The search for a minimum by damped steps. Only steps that lower the cost are taken.
 
 use nalgebra::DVector;
 use rayon::prelude::*;
 
 use crate::problem::{Equations, Problem};
 
-/// How the damping follows the success of the steps.
+/// The rule by which the damping follows the success of the steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Damping {
     /// The damping of the first step.
     pub start: f64,
     /// Factor on the damping after a step that lowers the cost.
     pub shrink: f64,
-    /// Factor on the damping after a step that does not.
+    /// Factor on the damping after a step that does not lower the cost.
     pub grow: f64,
     /// Lower limit of the damping.
     pub least: f64,
     /// Number of dampings that are tried from one point, each `grow` times the last, before the search gives up.
     pub tries: usize,
-    /// Dampings tried in parallel each time, relative to the current one. The best step is taken.
+    /// Dampings that are tried in parallel each time, relative to the current one. The best step is taken.
     pub factors: &'static [f64],
 }
 
-/// A cautious start and equal factors up and down, with which the search solves all problems of the NIST collection
-/// from both of their starting points.
+/// By default, the start is cautious and the factors up and down are equal. The search then solves all problems of the
+/// NIST collection from both of their starting points.
 impl Default for Damping {
     fn default() -> Self {
         Self { start: 1e3, shrink: 0.3, grow: 3.0, least: 1e-15, tries: 40, factors: &[1.0] }
     }
 }
 
-/// When a search ends, if it does not stall first.
+/// The conditions under which a search ends, if it does not stall first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     /// Largest number of steps.
     pub steps: usize,
     /// A step that lowers the cost by less than this is small.
     pub gain: f64,
-    /// So is a step that lowers the cost by less than this share of the cost.
+    /// A step that lowers the cost by less than this share of the cost is small, too.
     pub share: f64,
     /// The search ends after this many small steps in a row.
     pub patience: usize,
 }
 
-/// For the best attainable accuracy: the search continues as long as the cost falls.
+/// By default, the search continues as long as the cost falls, for the best attainable accuracy.
 impl Default for Stop {
     fn default() -> Self {
         Self { steps: 10_000, gain: 0.0, share: 0.0, patience: 1 }
     }
 }
 
-/// Why a search ended.
+/// The reason why a search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
     /// The last steps were small.
@@ -59,7 +59,7 @@ pub enum Ended {
     Stalled,
     /// The largest number of steps was reached first.
     Steps,
-    /// The problem did not let it go on ([`Problem::may_go_on`]).
+    /// The problem did not allow the search to continue ([`Problem::may_go_on`]).
     Stopped,
 }
 
@@ -82,7 +82,7 @@ pub struct Minimum<P: Problem> {
     pub equations: P::Equations,
     /// Number of linearisations.
     pub steps: usize,
-    /// Why the search ended.
+    /// The reason why the search ended.
     pub ended: Ended,
 }
 

@@ -8,7 +8,7 @@ use super::predict::one_step_prediction;
 use super::simulate::simulate;
 use super::state_space::Model;
 
-/// Sample rates are equal if they differ by less than this, relatively.
+/// Sample rates count as equal if their relative difference is at most this.
 const SAME_RATE: f64 = 1e-6;
 
 /// A model and its name in the table.

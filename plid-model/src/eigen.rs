@@ -42,8 +42,9 @@ pub(super) fn eigen(a: &DMatrix<f64>) -> Result<Eigen, ModelError> {
     Ok(Eigen { values, right, left })
 }
 
-/// The library is faer. nalgebra's Schur decomposition does not converge for a cyclic permutation, such as a delay line
-/// in a loop. At a tolerance of machine epsilon, it also fails for structures of 29 states that the testbed draws.
+/// Converts a matrix for faer, the library that computes the eigenvalues. nalgebra's Schur decomposition does not
+/// converge for a cyclic permutation, such as a delay line in a loop. At a tolerance of machine epsilon, it also
+/// fails for structures of 29 states that the testbed draws.
 fn library(a: &DMatrix<f64>) -> faer::Mat<f64> {
     faer::Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)])
 }
@@ -82,8 +83,8 @@ mod tests {
         }
     }
 
-    /// A delay line, a repeated pole, and nothing at all. Vectors that are linearly dependent have no inverse, or one
-    /// as large as rounding makes it.
+    /// Tests a delay line, a repeated pole, a zero matrix and an empty matrix. Linearly dependent vectors have no
+    /// inverse, or one whose size is determined by rounding.
     #[test]
     fn defective_matrices_have_their_values() {
         for (value, n) in [(0.0, 1), (0.0, 3), (0.0, 40), (0.9, 6), (1.0, 2)] {
@@ -97,8 +98,8 @@ mod tests {
     }
 
     proptest! {
-        /// The vectors satisfy their definition, and conjugates come in pairs to the bit, so that a filter of the
-        /// values above the real axis finds one of each.
+        /// The vectors satisfy their definition, and complex values come in exact conjugate pairs, so that the values
+        /// above the real axis contain one of each pair.
         #[test]
         fn vectors_satisfy_their_definition(n in 1_usize..32, entries in prop::collection::vec(-1.0..1.0, 1024)) {
             let a = DMatrix::from_fn(n, n, |i, j| entries[i * 32 + j]);

@@ -43,7 +43,7 @@ pub enum KeyProblem {
         /// The name.
         name: String,
     },
-    /// A controller drives something that is not an input of its plant.
+    /// A controller drives a channel that is not an input of its plant.
     #[error("names `{name}`, which is not an input of the plant")]
     NoInput {
         /// The name.
@@ -102,9 +102,9 @@ pub enum ModelError {
     /// An array does not have the size that the model requires.
     #[error("{what} must be {} x {} but is {} x {}", expected.0, expected.1, found.0, found.1)]
     Shape {
-        /// Rows and columns required.
+        /// The name of the array.
         what: &'static str,
-        /// Rows and columns wanted.
+        /// Rows and columns required.
         expected: (usize, usize),
         /// Rows and columns found.
         found: (usize, usize),

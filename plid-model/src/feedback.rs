@@ -3,10 +3,11 @@ use nalgebra::{DMatrix, DVector};
 use super::error::{KeyProblem, ModelError};
 use super::state_space::{Model, at};
 
-/// Two sample rates that differ by less than this share are one.
+/// Two sample rates count as equal if they differ by at most this fraction.
 const SAME_RATE: f64 = 1e-6;
 
-/// Smallest singular value of I - D Dc, over its largest, with which an algebraic loop counts as solvable.
+/// An algebraic loop counts as solvable if the ratio of the smallest to the largest singular value of I - D Dc
+/// exceeds this.
 const WELL_POSED: f64 = 1e-9;
 
 /// The channels of a plant that its controller reads and drives.
@@ -19,12 +20,12 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// Wires a controller to a plant by the names of the channels. An input of the controller that is not an output of
-    /// the plant is a reference.
+    /// Wires a controller to a plant by the names of the channels. An input of the controller that is not an output
+    /// of the plant is a reference.
     ///
     /// # Errors
-    /// [`ModelError::Key`] if an output of the controller is not an input of the plant, or if the controller reads no
-    /// output; [`ModelError::LoopRates`].
+    /// Returns [`ModelError::Key`] if an output of the controller is not an input of the plant, or if the controller
+    /// reads no output, and [`ModelError::LoopRates`].
     pub fn new(plant: &Model, controller: &Model) -> Result<Self, ModelError> {
         let (plant_hz, controller_hz) = (plant.sample_rate_hz, controller.sample_rate_hz);
         if (controller_hz / plant_hz - 1.0).abs() > SAME_RATE {
@@ -49,20 +50,22 @@ impl Wiring {
     }
 }
 
-/// Returns the closed loop of a plant with m inputs, n states and p outputs, and a controller with k states. Its inputs
-/// are the signals added to each input of the plant (m, under their names), then the references. Its outputs are those
-/// of the plant, and its states are those of the plant, then those of the controller (n + k). Where both have
-/// feedthrough, the algebraic loop is solved.
+/// Returns the closed loop of a plant with m inputs, n states and p outputs, and a controller with k states. The
+/// inputs of the loop are the signals added to each input of the plant (m, with the names of these inputs), followed
+/// by the references. Its outputs are those of the plant, and its states are those of the plant, followed by those of
+/// the controller (n + k). If both have feedthrough, the algebraic loop is solved.
 ///
-/// The controller acts at the samples alone, so the loop has no continuous form, and ports are not carried over.
+/// The controller acts only at the samples, so the loop has no continuous form, and ports are not carried over.
 ///
 /// # Errors
-/// As [`Wiring::new`]; [`ModelError::AlgebraicLoop`]; [`ModelError::Key`] if a reference has the name of an input.
+/// Returns the errors of [`Wiring::new`], [`ModelError::AlgebraicLoop`], and [`ModelError::Key`] if a reference has
+/// the name of an input.
 pub fn close_loop(plant: &Model, controller: &Model) -> Result<Model, ModelError> {
     let wiring = Wiring::new(plant, controller)?;
     let (n, k, m, p) = (plant.n(), controller.n(), plant.m(), plant.p());
     let references = wiring.references();
-    // The controller from the plant's outputs to its inputs, and from the references.
+    // The selection from the plant's outputs and the references to the controller's inputs, and from the controller's
+    // outputs to the plant's inputs.
     let reading = |j: usize, o: usize| wiring.reads[j] == Some(o);
     let driving = |i: usize, l: usize| wiring.drives[l] == i;
     let from_outputs = DMatrix::from_fn(controller.m(), p, |j, o| f64::from(reading(j, o)));
@@ -97,13 +100,13 @@ pub fn close_loop(plant: &Model, controller: &Model) -> Result<Model, ModelError
     Ok(closed)
 }
 
-/// Returns (I - D Dc)^-1, with which the outputs are solved for (p x p).
+/// Returns (I - D Dc)^-1 (p x p), which solves the algebraic loop for the outputs.
 fn solved(d: &DMatrix<f64>, feedthrough: &DMatrix<f64>) -> Result<DMatrix<f64>, ModelError> {
     let p = d.nrows();
     let matrix = DMatrix::identity(p, p) - d * feedthrough;
     let sizes = matrix.singular_values();
     let ratio = sizes.min() / sizes.max();
-    // NaN is not a solution either.
+    // The comparison also rejects NaN.
     let inverse = if ratio > WELL_POSED { matrix.try_inverse() } else { None };
     inverse.ok_or(ModelError::AlgebraicLoop { ratio })
 }
@@ -131,8 +134,8 @@ mod tests {
     use crate::testing::{canonical, random, record};
     use nalgebra::dmatrix;
 
-    /// A plant of two inputs and two outputs with some feedthrough, and a controller from y2 and a reference to u2 and
-    /// from both to u1, with small gains.
+    /// Returns a plant with two inputs, two outputs and some feedthrough, and a controller with small gains from y2,
+    /// a reference and y1 to u2 and u1.
     fn pair(seed: u64) -> (Model, Model) {
         let mut plant = canonical(seed, &[2, 1], 2);
         plant.d = random(seed + 5, 2, 2) * 0.3;
@@ -143,7 +146,7 @@ mod tests {
         (plant, controller)
     }
 
-    /// The two systems sample by sample; the algebraic loop by a fixed-point iteration.
+    /// Simulates the two systems sample by sample, and solves the algebraic loop by a fixed-point iteration.
     fn by_hand(plant: &Model, controller: &Model, v: &[[f64; 3]]) -> Vec<[f64; 2]> {
         let (mut x, mut xc) = (plant.rest(), controller.rest());
         let mut seen = Vec::new();

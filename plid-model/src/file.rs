@@ -136,7 +136,7 @@ mod tests {
         let shape = |expected, found| KeyProblem::Shape { expected, found };
         assert_eq!(with("A", Value::Null), ("A".into(), KeyProblem::Missing));
         assert_eq!(with("A", json!([])).0, "A");
-        // Balancing would not end.
+        // The balancing would not terminate.
         assert_eq!(with("A", json!([[0, 1, 0], [0, 1e300, 1], [-1, 0, 0]])).0, "A");
         assert_eq!(with("B", json!([[1, 2]])), ("B".into(), shape((3, 2), (1, 2))));
         assert_eq!(with("B", json!([[1, 2], [1], [1, 2]])), ("B[1]".into(), shape((1, 2), (1, 1))));

@@ -2,11 +2,11 @@
 
 use nalgebra::DMatrix;
 
-/// Largest column sum of magnitudes at which an exponential is computed. Beyond it, no digit would be right, and powers
-/// of the matrix leave the range of numbers, so that nalgebra's scaling and squaring does not end.
+/// Largest column sum of magnitudes at which an exponential is computed. Beyond it, no digit would be right, and
+/// powers of the matrix overflow, so that nalgebra's scaling and squaring does not terminate.
 const LARGEST: f64 = 1e15;
 
-/// Returns the exponential of a square matrix; of one that is not finite or extremely large, a matrix of NaN.
+/// Returns the exponential of a square matrix, or a matrix of NaN if the matrix is not finite or extremely large.
 #[must_use]
 pub fn exponential(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     let sum =
@@ -14,8 +14,8 @@ pub fn exponential(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     if sum < LARGEST { matrix.exp() } else { matrix.map(|_| f64::NAN) }
 }
 
-/// Returns the matrices of dx/dt = A x + B u (n x n, n x m) over a step in s with held inputs, by the exponential of
-/// [A B; 0 0] (Van Loan, IEEE Trans. Automatic Control 23, 1978).
+/// Returns the discrete-time A (n x n) and B (n x m) of dx/dt = A x + B u over a step (in s) with held inputs, from
+/// the exponential of [A B; 0 0] (Van Loan, IEEE Trans. Automatic Control 23, 1978).
 ///
 /// ```
 /// let (a, b) = plid_model::held(&nalgebra::dmatrix![-2.0], &nalgebra::dmatrix![3.0], 0.1);

@@ -199,8 +199,8 @@ mod tests {
         }
     }
 
-    /// The state after three samples given all measurements, by conditioning the joint Gaussian distribution of all
-    /// variables.
+    /// The expected state after three samples, given all measurements, follows from conditioning the joint Gaussian
+    /// distribution of all variables.
     #[test]
     fn it_is_the_conditional_mean_of_a_joint_gaussian() {
         let model = canonical(3, &[2, 1], 1);

@@ -116,7 +116,7 @@ mod tests {
     use super::*;
     use approx::assert_relative_eq;
 
-    /// A, C and the joint noise covariance from formulas that another program can repeat.
+    /// Returns A, C and the joint noise covariance from formulas that another program can reproduce.
     fn by_formula(n: usize, p: usize, scale: f64) -> (Model, NoiseCovariances) {
         let one = |i: usize| (i + 1) as f64;
         let a = DMatrix::from_fn(n, n, |i, j| scale / (n as f64).sqrt() * (one(i) * (one(j) + 1.0)).sin());

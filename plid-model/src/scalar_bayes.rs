@@ -1,8 +1,8 @@
 //! Exact Bayes for the scalar plant x+ = a x + b u + xi, z = x + w with known noise variances.
 //!
-//! Given a, the plant is linear in (x, b): a Kalman filter with two states integrates b exactly, so that the grid is
-//! one over a alone. The grid closes in on where the weight is, since at 300 : 1 the posterior is a thousandth of the
-//! prior's width.
+//! Given a, the plant is linear in (x, b), so a Kalman filter with two states integrates b exactly, and only a needs
+//! a grid. The grid is narrowed to the range that carries the weight, because at a signal-to-noise ratio of 300 the
+//! posterior is a thousandth of the prior's width.
 
 /// The scalar plant's prior: a ~ N truncated to |a| < `largest_a`, b ~ N, x0 ~ N(0, `state_variance`).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,7 +24,7 @@ impl Default for ScalarPrior {
 }
 
 impl ScalarPrior {
-    /// a and b drawn from the prior; `normal` gives independent unit normals.
+    /// Draws a and b from the prior; `normal` returns independent standard normal numbers.
     pub fn draw(&self, mut normal: impl FnMut() -> f64) -> (f64, f64) {
         let a = loop {
             let a = self.a.0 + self.a.1.sqrt() * normal();
@@ -43,22 +43,23 @@ pub struct ScalarRecord<'a> {
     pub z: &'a [f64],
     /// Inputs.
     pub u: &'a [f64],
-    /// R.
+    /// Variance R of the sensor noise.
     pub sensor: f64,
-    /// Sigma.
+    /// Variance Sigma of the state noise.
     pub state: f64,
 }
 
 /// Mean and covariance of (a, b) given a record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Posterior {
-    /// E a, E b.
+    /// Mean of a, mean of b.
     pub mean: [f64; 2],
     /// Variance of a, covariance, variance of b.
     pub covariance: [f64; 3],
 }
 
-/// Log density of the record and a together, and mean and variance of b, for one a.
+/// The logarithm of the joint density of the record and a (up to a constant), and the mean and variance of b, for one
+/// a.
 #[derive(Clone, Copy, Debug)]
 struct Given {
     a: f64,
@@ -66,7 +67,7 @@ struct Given {
     b: (f64, f64),
 }
 
-/// A weight below the largest by this much in the logarithm is negligible.
+/// A weight is negligible if its logarithm is less than the largest by more than this.
 const NEGLIGIBLE: f64 = 40.0;
 
 fn given(record: &ScalarRecord<'_>, prior: &ScalarPrior, a: f64) -> Given {
@@ -85,14 +86,14 @@ fn given(record: &ScalarRecord<'_>, prior: &ScalarPrior, a: f64) -> Given {
     Given { a, log_weight, b: (b, bb) }
 }
 
-/// `points` values of a in the middle of equal parts of (from, to).
+/// Evaluates `points` values of a at the midpoints of equal parts of (from, to).
 fn grid(record: &ScalarRecord<'_>, prior: &ScalarPrior, (from, to): (f64, f64), points: usize) -> Vec<Given> {
     let part = (to - from) / points as f64;
     (0..points).map(|i| given(record, prior, from + (i as f64 + 0.5) * part)).collect()
 }
 
-/// The posterior of (a, b) from grids of `points` values of a. It narrows the grid until its weight lies on a third of
-/// it at least.
+/// Returns the posterior of (a, b) from grids of `points` values of a. The grid is narrowed until at least a third of
+/// it carries weight.
 pub fn exact_bayes(record: &ScalarRecord<'_>, prior: &ScalarPrior, points: usize) -> Posterior {
     let bound = prior.largest_a;
     let mut range = (-bound, bound);
@@ -106,7 +107,7 @@ pub fn exact_bayes(record: &ScalarRecord<'_>, prior: &ScalarPrior, points: usize
         if 3 * (last - first + 1) >= points {
             return moments(&grid, largest);
         }
-        // A neighbour that seemed to weigh nothing may have weight between the points.
+        // A neighbour whose weight seems negligible may have weight between the points.
         range = ((grid[first].a - 1.5 * part).max(-bound), (grid[last].a + 1.5 * part).min(bound));
     }
 }
@@ -132,8 +133,8 @@ mod tests {
 
     const U: [f64; 12] = [1.0, -1.0, -1.0, 1.0, 1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0];
 
-    /// With a = 0, x0 = 0 and z_{k+1} = b u_k + xi_k + w_{k+1}, b is a linear regression with noise of variance R +
-    /// Sigma.
+    /// With a = 0, x0 = 0 and z_{k+1} = b u_k + xi_k + w_{k+1}, b is the coefficient of a linear regression with
+    /// noise of variance R + Sigma.
     #[test]
     fn b_given_a_known_a_is_a_linear_regression() {
         let prior = ScalarPrior { state_variance: 0.0, ..ScalarPrior::default() };
@@ -149,7 +150,8 @@ mod tests {
         assert!((found.b.1 - 1.0 / information).abs() < 1e-13);
     }
 
-    /// Without sensor noise and with x0 = 0 known, (a, b) is a linear regression of z_{k+1} on z_k and u_k.
+    /// Without sensor noise and with x0 = 0 known, a and b are the coefficients of a linear regression of z_{k+1} on
+    /// z_k and u_k.
     #[test]
     fn without_sensor_noise_it_is_a_linear_regression() {
         let wide = ScalarPrior { largest_a: 4.0, state_variance: 0.0, ..ScalarPrior::default() };

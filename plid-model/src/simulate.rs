@@ -4,8 +4,9 @@ use ndarray::{Array2, ArrayView2};
 use super::error::{ModelError, expect_shape};
 use super::state_space::Model;
 
-/// An output counts as diverged if it exceeds what a single sample of the input or the initial state can cause by more
-/// than this factor. No stable model of practical use comes near it, and beyond it no digit of the start is left.
+/// An output counts as diverged if it exceeds what a single sample of the input or the initial state can cause by
+/// more than this factor. No stable model of practical use comes near this bound, and beyond it no digit of the
+/// initial state is left.
 pub const DIVERGENCE_FACTOR: f64 = 1e15;
 
 /// The result of a free-run simulation.
@@ -69,7 +70,7 @@ impl Bounds {
     /// Bounds |y_i| by [`DIVERGENCE_FACTOR`] times what an input sample of the largest magnitude u and a state of
     /// magnitude b u + x_0 can cause, where b is the largest row sum of |B|.
     pub(super) fn new(model: &Model, inputs: ArrayView2<f64>, initial_state: &DVector<f64>) -> Self {
-        // Magnitudes are added and not squared, so that no unit makes them overflow or vanish.
+        // Magnitudes are added and not squared, so that no unit makes them overflow or underflow.
         let size = |row: RowView<'_>| row.iter().map(|x| x.abs()).sum::<f64>();
         let largest = inputs.iter().fold(0.0_f64, |largest, u| largest.max(u.abs()));
         let state = initial_state.amax() + largest * model.b.row_iter().map(size).fold(0.0, f64::max);
@@ -77,7 +78,7 @@ impl Bounds {
         Self((0..model.p()).map(|i| DIVERGENCE_FACTOR * one_sample(i)).collect())
     }
 
-    /// Adds the largest measured output, which a predictor feeds back.
+    /// Widens the bounds by the largest measured output, which a predictor feeds back.
     pub(super) fn with_measured(self, outputs: ArrayView2<f64>) -> Self {
         let largest = outputs.iter().filter(|y| !y.is_nan()).fold(0.0_f64, |largest, y| largest.max(y.abs()));
         Self(self.0.iter().map(|bound| bound + DIVERGENCE_FACTOR * largest).collect())

@@ -3,7 +3,7 @@ use serde_json::{Map, Value};
 
 use super::error::{KeyProblem, ModelError};
 
-/// Largest entry of A. Balancing does not end where squares overflow.
+/// Largest entry of A. Balancing does not terminate if squares overflow.
 pub(super) const LARGEST: f64 = 1e100;
 
 /// Standard deviations of the measurement noise, in the channels' units.
@@ -44,7 +44,7 @@ impl OutputKind {
     /// All kinds.
     pub const ALL: [Self; 5] = [Self::Position, Self::Velocity, Self::Acceleration, Self::Force, Self::Other];
 
-    /// The name of the kind, as in model.json.
+    /// Returns the name of the kind, as in model.json.
     pub fn name(self) -> &'static str {
         match self {
             Self::Position => "position",
@@ -115,7 +115,7 @@ impl Model {
     /// Creates a model from its four matrices, with channels named u1, u2, ... and y1, y2, ...
     ///
     /// # Errors
-    /// As [`Model::check`].
+    /// Returns the errors of [`Model::check`].
     pub fn new(
         sample_rate_hz: f64,
         a: DMatrix<f64>,
@@ -169,7 +169,7 @@ impl Model {
     /// Checks sizes, finiteness and channel names; `place` is the name of the model in an error message.
     ///
     /// # Errors
-    /// [`ModelError::Key`] with the first key at fault.
+    /// Returns [`ModelError::Key`] with the first invalid key.
     pub fn check(&self, place: &str) -> Result<(), ModelError> {
         self.first_problem().map_or(Ok(()), |(key, problem)| Err(at(place, key, problem)))
     }
@@ -177,7 +177,7 @@ impl Model {
     fn first_problem(&self) -> Option<(String, KeyProblem)> {
         let (n, m, p) = (self.n(), self.m(), self.p());
         let rate = self.sample_rate_hz;
-        // At a rate of 1e-320 a sample has no finite length.
+        // At a rate of 1e-320 Hz, the sampling interval would be infinite.
         if !(rate.is_finite() && rate > 0.0 && (1.0 / rate).is_finite()) {
             let expected = "positive and finite";
             let problem = KeyProblem::Range { value: rate, expected };
@@ -252,7 +252,7 @@ impl Model {
     }
 }
 
-/// Checks a matrix of which eigenvalues are computed.
+/// Checks a matrix whose eigenvalues are computed.
 fn dynamics_problem(key: &str, matrix: &DMatrix<f64>, n: usize) -> Option<(String, KeyProblem)> {
     matrix_problem(key, matrix, (n, n)).or_else(|| {
         let value = matrix.amax();
@@ -261,7 +261,7 @@ fn dynamics_problem(key: &str, matrix: &DMatrix<f64>, n: usize) -> Option<(Strin
     })
 }
 
-/// A key's error.
+/// Returns the error of a key.
 pub(super) fn at(place: &str, key: impl Into<String>, problem: KeyProblem) -> ModelError {
     ModelError::Key { place: place.to_string(), key: key.into(), problem }
 }

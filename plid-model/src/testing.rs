@@ -4,7 +4,7 @@ use ndarray::Array2;
 
 use super::state_space::Model;
 
-/// Returns uniform numbers in -1 to 1 from splitmix64, so that no test depends on a library's generator.
+/// Returns uniform numbers between -1 and 1 from splitmix64, so that no test depends on a library's generator.
 pub fn numbers(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
     move || {
@@ -17,19 +17,19 @@ pub fn numbers(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// A matrix of uniform numbers in -1 to 1.
+/// Returns a matrix of uniform numbers between -1 and 1.
 pub fn random(seed: u64, rows: usize, columns: usize) -> DMatrix<f64> {
     let mut next = numbers(seed);
     DMatrix::from_fn(rows, columns, |_, _| next())
 }
 
-/// Samples x channels of uniform numbers in -1 to 1.
+/// Returns a record (samples x channels) of uniform numbers between -1 and 1.
 pub fn record(seed: u64, samples: usize, channels: usize) -> Array2<f64> {
     let next = numbers(seed);
     Array2::from_shape_simple_fn((samples, channels), next)
 }
 
-/// A random positive definite matrix.
+/// Returns a random positive definite matrix.
 pub fn covariance(seed: u64, size: usize) -> DMatrix<f64> {
     let root = random(seed, size, size);
     &root * root.transpose() / size as f64 + DMatrix::identity(size, size) * 0.1

@@ -1,6 +1,6 @@
 //! Selection among several starting models. Each is refined on the first part of the training data and scored by its
-//! simulation of the rest; the best is then refined on all of it. A start that is far worse than an earlier one was
-//! after its refinement is not refined.
+//! simulation of the rest; the best is then refined on all training data. A start is not refined if its error is far
+//! above that of the best one refined so far.
 
 use nalgebra::DVector;
 use ndarray::s;
@@ -36,7 +36,8 @@ pub struct Choice {
 pub struct Score {
     /// The name of the starting model.
     pub start: String,
-    /// The noise assumed in the refinement; `None` if it was not refined because it was far worse than an earlier one.
+    /// The noise assumed in the refinement; `None` if the start was not refined because it was far worse than an
+    /// earlier refined one.
     pub noise: Option<Noise>,
     /// RMS of the simulation error over RMS of the output on the last part of the training data.
     pub error: f64,

@@ -78,7 +78,7 @@ pub enum RefineError {
         /// The decomposition or fit that failed.
         what: &'static str,
     },
-    /// The caller requested an end through its [`crate::Watcher`].
+    /// The caller requested a stop through its [`crate::Watcher`].
     #[error("interrupted")]
     #[diagnostic(code(plid::refine::interrupted))]
     Interrupted,

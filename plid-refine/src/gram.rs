@@ -8,10 +8,10 @@
 //!   former;
 //! - if the initial state is unknown, the same filters applied to an impulse: A_s^k = alpha_k I + gamma_k (A_s - c I).
 //!
-//! The record is therefore represented by the matrix of inner products of these signals and the residuals, which is the
-//! same for all outputs that are present at the same samples. It costs O(K q^2), where
-//! q = sections x (2 m + 4 or 6) + m + p, instead of a Jacobian for each output. The signals are computed in blocks of
-//! samples and never stored as a whole.
+//! The record is therefore represented by the matrix of inner products of these signals and the residuals, which is
+//! the same for all outputs that are present at the same samples. Its computation costs O(K q^2), where q = sections
+//! x (2 m + 4 or 6) + m + p, instead of a Jacobian for each output. The signals are computed in blocks of samples and
+//! never stored as a whole.
 
 use std::ops::Range;
 
@@ -143,7 +143,7 @@ impl Filters {
     }
 }
 
-/// The signals in panels, pairs of which have their inner products summed by one task each.
+/// The signals, divided into panels. One task sums the inner products of each pair of panels.
 struct Panels {
     /// The number of signals.
     count: usize,
@@ -159,7 +159,7 @@ impl Panels {
         Self { count, columns, pairs }
     }
 
-    /// One sum for each pair.
+    /// Returns one zero sum for each pair.
     fn zeros(&self) -> Vec<DMatrix<f64>> {
         let sum = |&(i, j): &(usize, usize)| DMatrix::zeros(self.columns[i].len(), self.columns[j].len());
         self.pairs.iter().map(sum).collect()
@@ -180,7 +180,7 @@ impl Panels {
         });
     }
 
-    /// The symmetric matrix of all inner products.
+    /// Returns the symmetric matrix of all inner products.
     fn assemble(&self, sums: Vec<DMatrix<f64>>) -> DMatrix<f64> {
         let mut products = DMatrix::zeros(self.count, self.count);
         for (&(i, j), sum) in self.pairs.iter().zip(&sums) {

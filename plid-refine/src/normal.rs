@@ -72,7 +72,8 @@ struct Column {
     signals: Combination,
 }
 
-/// The contribution of one record to its initial state (states x states, and states x parameters).
+/// The part of the normal equations that belongs to the initial state of one record (states x states, and states x
+/// parameters).
 #[derive(Clone, Debug)]
 pub(crate) struct InitialPart {
     pub own: DMatrix<f64>,

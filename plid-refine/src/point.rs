@@ -67,7 +67,7 @@ impl Point {
         normal
     }
 
-    /// Returns the point after a step, as [`Normal::step`] orders it.
+    /// Returns the point after a step whose entries are ordered as in [`Normal::step`].
     pub fn moved(&self, step: &DVector<f64>, free: Free) -> Self {
         let mut to = self.clone();
         let order = Order::of(&self.model);
@@ -107,7 +107,8 @@ impl Point {
     ///
     /// The sign of the eigenvector of a real pole is arbitrary, so either state may be the sum of the two poles'
     /// contributions and the other their difference. If the outputs observe mainly the difference, the section loses
-    /// observability as the poles meet and they cannot become complex; if they observe the sum, they can.
+    /// observability as the poles meet, and the poles cannot become complex; if the outputs observe the sum, the
+    /// poles can.
     pub fn turn(&mut self) {
         for (s, section) in
             self.model.poles.iter().enumerate().filter(|(_, section)| section.is_pair() && section.d > 0.0)
@@ -133,8 +134,8 @@ impl Point {
         }
     }
 
-    /// Fits the `free` ones of B, D and the initial states, in which the simulation is linear, by least squares with
-    /// the given poles and C.
+    /// Fits those of B, D and the initial states that are `free` by least squares with the given poles and C. The
+    /// simulation is linear in these parameters.
     ///
     /// # Errors
     /// Returns an error if the normal equations cannot be solved.
@@ -171,7 +172,7 @@ mod tests {
         move || 2.0 * random.random::<f64>() - 1.0
     }
 
-    /// Returns random sections of every kind; `states` may be odd.
+    /// Returns a point with random sections of every kind, and random data; `states` may be odd.
     fn point(seed: u64, states: usize, starts: &[Start], feedthrough: bool) -> (Point, Data) {
         let mut next = uniform(seed);
         let (m, p, samples) = (2, 2, 700);

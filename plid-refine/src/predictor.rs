@@ -33,7 +33,7 @@ const ENOUGH: usize = 30_000;
 /// Number of Gauss-Newton steps.
 const STEPS: usize = 12;
 
-/// A predictor at a sample.
+/// A predictor with its state at a sample.
 struct Course<'a> {
     model: &'a Model,
     /// The entries of A that are not zero, with their rows and columns. Canonical and block-diagonal forms have few.
@@ -73,8 +73,8 @@ impl<'a> Course<'a> {
     }
 }
 
-/// Returns the mean square one-step error of each output from `x0` on, and the final state; infinite if the predictor
-/// diverges.
+/// Returns the mean square one-step error of each output with the initial state `x0`, and the final state. The error
+/// is infinite if the predictor diverges.
 fn one_step(model: &Model, gain: &DMatrix<f64>, record: Record<'_>, x0: &DVector<f64>) -> (Vec<f64>, DVector<f64>) {
     let p = model.p();
     let (mut sum, mut count) = (vec![0.0; p], vec![0usize; p]);
@@ -186,7 +186,7 @@ pub fn fit_predictor(model: &Model, inputs: ArrayView2<'_, f64>, outputs: ArrayV
         .map(|(_, predictor)| predictor)
 }
 
-/// The fit of K to one-step errors, with a Gauss-Newton matrix.
+/// The fit of K to one-step errors by Gauss-Newton iteration.
 struct GainFit<'a, 's> {
     model: &'a Model,
     learn: Record<'s>,
@@ -230,9 +230,9 @@ impl Problem for GainFit<'_, '_> {
         Normal::without_memory(self.model.n() * self.model.p())
     }
 
-    /// The sensitivities of x to K_1j ... K_nj are the columns of Xi_j <- (A - K C) Xi_j + e_{k,j} I, from zero.
-    /// Xi_j is a polynomial in A - K C and commutes with it, so C Xi_j <- C Xi_j (A - K C) + e_{k,j} C, which
-    /// needs p rows for each of the p columns of K in place of n.
+    /// The sensitivities of x to K_1j ... K_nj are the columns of Xi_j <- (A - K C) Xi_j + e_{k,j} I, from zero. Xi_j
+    /// is a polynomial in A - K C and commutes with it, so C Xi_j <- C Xi_j (A - K C) + e_{k,j} C, which needs p rows
+    /// for each of the p columns of K instead of n.
     fn linearise(&mut self, at: &GainPoint, normal: &mut Normal) -> Result<(), Infallible> {
         let Model { a, c, .. } = self.model;
         let (n, p) = (self.model.n(), self.model.p());
@@ -323,15 +323,15 @@ mod tests {
         // 1.3 %.
         assert!((found.score[0] / 0.1 - 1.0).abs() < 0.05, "{:?}", found.score);
         assert!((found.score[1] / 0.3 - 1.0).abs() < 0.05, "{:?}", found.score);
-        // The weights are equal, so the gain from the noisier output is less certain.
+        // The weights are equal, so the gain from the quieter output is less certain.
         for i in 0..3 {
             assert!((found.gain[(i, 0)] - truth[(i, 0)]).abs() < 0.15, "{}", found.gain);
             assert!((found.gain[(i, 1)] - truth[(i, 1)]).abs() < 0.05, "{}", found.gain);
         }
     }
 
-    /// The gradient of the squared one-step errors, which [`GainFit`] has in half, is that of finite differences, the
-    /// last samples included, which do not fill a block.
+    /// The gradient of half the squared one-step errors in [`GainFit`] agrees with finite differences, including the
+    /// last samples, which do not fill a block.
     #[test]
     fn the_gradient_agrees_with_finite_differences() {
         let model = Model::new(

@@ -67,7 +67,7 @@ pub struct Refined {
 const SMALL_GAIN: f64 = 1e-2;
 /// The iteration ends after this many insignificant gains in a row.
 const SMALL_STEPS: usize = 4;
-/// Four dampings are tried in parallel, relative to the one that served last.
+/// Four dampings are tried in parallel, relative to the last successful one.
 const DAMPING: Damping =
     Damping { start: 1e-2, shrink: 1.0, grow: 1e3, least: 1e-14, tries: 8, factors: &[0.03, 0.3, 3.0, 30.0] };
 /// Number of prefilters, each estimated from the errors of the fit before it.
@@ -78,12 +78,12 @@ fn cost(variances: &[f64], present: &[usize]) -> f64 {
 }
 
 /// Minimises the simulation error of `start` over all records. B, D and the initial states are first fitted to the
-/// poles and C of the starting model, so only these two of it matter. Poles outside the unit circle or slower than the
-/// limit are moved inside.
+/// poles and C of the starting model, so no other part of this model matters. Poles outside the unit circle or slower
+/// than the limit are moved inside.
 ///
 /// # Errors
 /// Returns a [`RefineError`] for records that are empty, inconsistent or not finite, if there are fewer samples than
-/// parameters, for settings out of range, and if the watcher requests an end.
+/// parameters, for settings out of range, and if the watcher requests a stop.
 pub fn refine(
     start: &Model,
     records: &[Record<'_>],
@@ -186,7 +186,7 @@ pub(crate) struct Descent {
 /// A search over all parameters.
 struct Search<'a> {
     data: &'a Data,
-    /// Number of output samples of each output.
+    /// Number of samples present for each output.
     present: Vec<usize>,
     iterations: usize,
     done: usize,

@@ -55,7 +55,7 @@ impl Section {
         if self.is_pair() { self.d / self.up } else { 0.0 }
     }
 
-    /// Returns the poles, of which a first-order section has one.
+    /// Returns the poles: two, or one for a first-order section.
     pub fn poles(&self) -> Vec<Complex<f64>> {
         let root = Complex::new(self.d, 0.0).sqrt();
         let c = Complex::from(self.c);
@@ -212,7 +212,8 @@ impl Sections {
     }
 }
 
-/// Returns the pole mirrored into the circle of `radius`, at a distance from its edge.
+/// Returns the pole, mirrored into the unit circle if it lies outside, and moved inside the circle of `radius`, at a
+/// distance from its edge, if it is too slow.
 fn mended(pole: Complex<f64>, radius: f64) -> Complex<f64> {
     let size = pole.norm();
     let inside = if size > 1.0 { 1.0 / size } else { size };
@@ -266,7 +267,7 @@ mod tests {
 
     #[test]
     fn poles_and_their_shapes_survive() {
-        // A complex pair, two real poles and a single one, of which the unstable and the slow ones are corrected.
+        // A complex pair and three real poles. An unstable and a slow pole follow below and are corrected.
         let radius = 0.99;
         let a = DMatrix::from_diagonal(&DVector::from_vec(vec![0.5, -0.3, 0.1, 0.0, 0.0]));
         let mut a = a;
@@ -278,7 +279,7 @@ mod tests {
         let sections = Sections::of_poles(&a, &c, 1, radius, false).unwrap();
         assert_eq!((sections.poles.len(), sections.states), (3, 5));
         let model = sections.to_model(1.0).unwrap();
-        // C A^k spans the same space; the shapes of the pairs are compared through the polynomials of the poles.
+        // The poles are compared by their magnitudes.
         let poles: Vec<f64> = model.a.complex_eigenvalues().iter().map(|z| z.norm()).collect();
         for wanted in [0.5, 0.3, 0.1, 0.85_f64.sqrt()] {
             assert!(poles.iter().any(|r| (r - wanted).abs() < 1e-12), "{wanted} in {poles:?}");

@@ -1,9 +1,9 @@
 //! A starting model from records at a lower rate.
 //!
-//! If records are sampled many times faster than they change, neighbouring samples differ by little but noise. The
-//! windows of the subspace estimate then hold a fraction of an oscillation, and the descent from it ends in a poor
-//! minimum. A model is therefore estimated and refined at a lower rate. With k samples of the records to one at that
-//! rate, its poles z become z^(1/k).
+//! If records are sampled many times faster than they change, neighbouring samples differ by little more than noise.
+//! The windows of the subspace estimate then contain only a fraction of an oscillation, and the descent from this
+//! estimate ends in a poor minimum. A model is therefore estimated and refined at a lower rate. If one sample at that
+//! rate corresponds to k samples of the records, the poles z of the model become z^(1/k).
 
 use nalgebra::{Complex, DMatrix};
 use plid_model::Model;
@@ -16,10 +16,10 @@ use crate::subspace::subspace;
 /// Poles whose difference is below this share of their size count as one.
 const ONE_POLE: f64 = 1e-8;
 
-/// Returns a model with `states` states for [`refine`] at a rate, from records at a lower one: each of their samples
-/// stands for `every` at that rate. Inputs and outputs must have passed the same low-pass, which does not change the
-/// response from one to the other. Only the poles and C of the model are meaningful, because B and D are fitted to
-/// them.
+/// Returns a starting model with `states` states for [`refine`] at `sample_rate_hz`, from records at a lower rate:
+/// each of their samples corresponds to `every` samples at `sample_rate_hz`. Inputs and outputs must have passed the
+/// same low-pass filter, which does not change the response from input to output. Only the poles and C of the model
+/// are meaningful, because [`refine`] fits B and D to them.
 ///
 /// # Errors
 /// Those of [`subspace`] and of [`refine`].
@@ -31,7 +31,7 @@ pub fn slower_start(
     options: &Options,
     watcher: Watcher<'_>,
 ) -> Result<Model, RefineError> {
-    // Within a sample at the lower rate, every plant responds.
+    // At the lower rate, every plant responds within a sample.
     let options = Options {
         radius: options.radius.powi(every as i32),
         feedthrough: true,
@@ -82,7 +82,7 @@ fn root(a: &DMatrix<f64>, times: usize) -> DMatrix<f64> {
 mod tests {
     use super::*;
 
-    /// The powers of a root are the matrix: complex poles, two real ones, one that is double, and a single one.
+    /// The power of a root is the matrix: for complex poles, two real ones, a double one and a single one.
     #[test]
     fn the_power_of_a_root_is_the_matrix() {
         let blocks = [[0.3, 0.6, -0.6, 0.3], [0.5, 0.2, 0.3, 0.4], [0.7, 0.1, 0.0, 0.7], [-0.2, 0.8, -0.5, -0.1]];

@@ -76,8 +76,8 @@ pub fn subspace(
     }
     let window = Window::new(&data, i)?;
     let (a, c) = window.shift(states)?;
-    // nalgebra's iteration does not terminate for some matrices: beyond the order of the data A consists of rounding
-    // errors.
+    // The iteration of nalgebra does not terminate for some matrices, and faer is used instead: beyond the order of
+    // the data, A consists of rounding errors.
     let poles = Mat::from_fn(states, states, |row, column| a[(row, column)]).eigenvalues();
     let poles = poles.map_err(|_| failed("the eigenvalues of A"))?;
     let mirrored = poles.iter().filter(|z| z.norm() > 1.0).count();

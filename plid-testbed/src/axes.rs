@@ -8,12 +8,12 @@ use crate::plant::StrutPort;
 use crate::state_space::StateSpace;
 use crate::{INPUTS, OUTPUTS};
 
-/// M q" + C q' + K q = G a: the actuator of each of the first inputs acts along its own axis with G_jj a_j, and
-/// the sensor of the output of the same number shows the motion of that axis. Torques and forces are in V of the
-/// actuator, motions in V of the sensor. There is neither a filter nor, unless an effect adds one, an actuator pole.
+/// M q" + C q' + K q = G a. The actuator of input j acts along axis j with the force G_jj a_j, and the sensor of
+/// output j measures the motion of axis j. Torques and forces are in V of the actuator, motions in V of the sensor.
+/// There is no filter, and there is no actuator pole unless an effect adds one.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Axes {
-    /// M (n x n), symmetric and positive.
+    /// M (n x n), symmetric and positive definite.
     pub inertia: DMatrix<f64>,
     /// C (n x n).
     pub damping: DMatrix<f64>,
@@ -33,7 +33,7 @@ pub(crate) enum Shown {
 }
 
 impl Shown {
-    /// Its name in a simulation's file.
+    /// Returns its name in the file of a simulation.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Shown::Position => "position",
@@ -42,7 +42,7 @@ impl Shown {
     }
 }
 
-/// The inertia, damping and stiffness of an axis: force in V over acceleration, velocity and displacement.
+/// The inertia, damping and stiffness of an axis: force in V per acceleration, velocity and displacement.
 pub(crate) struct Own {
     pub inertia: f64,
     pub damping: f64,
@@ -50,14 +50,14 @@ pub(crate) struct Own {
 }
 
 impl Axes {
-    /// A single axis: inertia of 1, the given damping and stiffness, and a drive of 1.
+    /// Creates a single axis with an inertia of 1, the given damping and stiffness, and a drive of 1.
     pub(crate) fn single(damping: f64, stiffness: f64, shown: Shown) -> Self {
         let one = |value| DMatrix::from_element(1, 1, value);
         Self { inertia: one(1.0), damping: one(damping), stiffness: one(stiffness), drive: vec![1.0], shown }
     }
 
-    /// The axes under controllers a_j = kp (r_j - q_j) - kd dq_j/dt, one for each of them, whose references r_j are the
-    /// inputs from then on. The gains are forces over motions, whatever the drive was before.
+    /// Closes the loop of each axis with a controller a_j = kp (r_j - q_j) - kd dq_j/dt. The references r_j replace
+    /// the inputs. The gains are forces per motion, whatever the drive was before.
     pub(crate) fn held(mut self, gains: &[(f64, f64)]) -> Self {
         for (j, (kp, kd)) in gains.iter().enumerate() {
             self.stiffness[(j, j)] += kp;
@@ -67,7 +67,7 @@ impl Axes {
         self
     }
 
-    /// The continuous model. Its states are q, dq/dt, and the outputs of those actuators whose poles are finite.
+    /// Returns the continuous model. Its states are q, dq/dt, and the outputs of the actuators with finite poles.
     pub(crate) fn model(&self, poles_hz: [f64; INPUTS]) -> StateSpace {
         let count = self.drive.len();
         let lagging: Vec<usize> = (0..count).filter(|j| poles_hz[*j].is_finite()).collect();
@@ -94,7 +94,7 @@ impl Axes {
         StateSpace { a, b, c, d: DMatrix::zeros(OUTPUTS, INPUTS) }
     }
 
-    /// Each axis as a place where a force acts, in a model with the given number of states.
+    /// Returns each axis as a port, in a model with the given number of states.
     pub(crate) fn ports(&self, states: usize) -> Vec<StrutPort> {
         let (count, mobility) = (self.drive.len(), self.mobility());
         let row = |state: usize| (0..states).map(|i| f64::from(u8::from(i == state))).collect();
@@ -106,15 +106,16 @@ impl Axes {
         (0..count).map(port).collect()
     }
 
-    /// The states of the model without actuator poles that its outputs depend on: without a spring, a velocity does not
-    /// depend on where its axis is.
+    /// Returns the states of the model without actuator poles on which its outputs depend. Without a spring, a
+    /// velocity does not depend on the position of its axis.
     pub(crate) fn needed_states(&self) -> Vec<usize> {
         let count = self.drive.len();
         let free = self.shown == Shown::Velocity && self.stiffness.iter().all(|k| *k == 0.0);
         (if free { count } else { 0 }..2 * count).collect()
     }
 
-    /// The inertia, damping and stiffness of an axis. The inertia is that of a force along this axis alone.
+    /// Returns the inertia, damping and stiffness of an axis. The inertia is the one that a force along this axis
+    /// alone meets.
     pub(crate) fn own(&self, axis: usize) -> Own {
         let at = (axis, axis);
         let drive = self.drive[axis];
@@ -141,7 +142,7 @@ impl Axes {
 mod tests {
     use super::*;
 
-    /// A slide under a controller, against the controller and the slide in separate small steps.
+    /// Compares a slide under a controller with an integration of the slide and the controller in small steps.
     #[test]
     fn a_held_axis_moves_as_its_controller_makes_it_move() {
         let (damping, kp, kd) = (0.7, 90.0, 11.0);
@@ -160,7 +161,7 @@ mod tests {
         assert!((natural - kp.sqrt()).abs() < 1e-12);
     }
 
-    /// With a pole far above everything else it is the model without one.
+    /// With an actuator pole far above everything else, the model equals the one without a pole.
     #[test]
     fn a_fast_pole_changes_nothing() {
         let axis = Axes::single(3.0, 50.0, Shown::Velocity);

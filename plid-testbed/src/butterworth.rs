@@ -18,8 +18,8 @@ struct Section {
 }
 
 impl Butterworth {
-    /// A filter of `pairs` pole pairs (order `2 * pairs`), at rest. The cut-off must lie between 0 and half the sample
-    /// rate.
+    /// Creates a filter of `pairs` pole pairs (order `2 * pairs`), at rest. The cut-off must lie between 0 and half
+    /// the sample rate.
     #[must_use]
     pub fn low_pass(pairs: usize, cutoff_hz: f64, sample_rate_hz: f64) -> Self {
         let k = (PI * cutoff_hz / sample_rate_hz).tan();
@@ -38,7 +38,7 @@ impl Butterworth {
         Self { sections }
     }
 
-    /// The next filtered sample.
+    /// Returns the next filtered sample.
     pub fn filter(&mut self, input: f64) -> f64 {
         self.sections.iter_mut().fold(input, |x, s| {
             let y = s.b * x + s.state[0];
@@ -53,7 +53,7 @@ impl Butterworth {
 mod tests {
     use super::*;
 
-    /// Gain at a frequency from the impulse response, independent of the coefficients.
+    /// Returns the gain at a frequency, computed from the impulse response and thus independent of the coefficients.
     fn gain_db(pairs: usize, cutoff_hz: f64, sample_rate_hz: f64, f: f64) -> f64 {
         let mut filter = Butterworth::low_pass(pairs, cutoff_hz, sample_rate_hz);
         let (mut re, mut im) = (0.0, 0.0);

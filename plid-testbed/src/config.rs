@@ -1,4 +1,4 @@
-//! The experiment as a user writes it.
+//! The configuration of an experiment, as a user writes it.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,7 @@ use crate::{INPUTS, structure};
 
 /// Largest number of samples over all repeats.
 const MOST_SAMPLES: usize = 50_000_000;
-/// Rates between which the exact discretisation is tested, Hz.
+/// The range of rates in which the exact discretisation is tested, Hz.
 const RATES_HZ: [f64; 2] = [1.0, 1e6];
 
 /// An experiment on the simulated truss. The default is the paper's: 13 s at 1600 Hz, all three inputs with
@@ -21,7 +21,8 @@ pub struct TrussConfig {
     pub sample_rate_hz: f64,
     /// Length of a record, s; rounded to whole samples.
     pub duration_s: f64,
-    /// Records of the same input, each with fresh noise, back to back in time and each from rest.
+    /// Number of records of the same input, each with new noise. They follow one another without pauses, and each
+    /// starts from rest.
     pub repeats: usize,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -63,7 +64,7 @@ pub enum InputConfig {
     WhiteNoise(WhiteNoise),
     /// A periodic sum of sines with random phases.
     Multisine(Multisine),
-    /// A sine whose frequency moves linearly over the record.
+    /// A sine whose frequency changes linearly over the record.
     Chirp(Chirp),
 }
 
@@ -89,13 +90,14 @@ impl Default for WhiteNoise {
     }
 }
 
-/// Equal sines at all multiples of the base frequency in a band, with random phases, independent between inputs.
+/// Sines of equal amplitude at all multiples of the base frequency in a band, with random phases, independent between
+/// inputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Multisine {
     /// RMS of a period of each input, V.
     pub level_rms_v: [f64; INPUTS],
-    /// Samples of a period.
+    /// Number of samples in a period.
     pub period_samples: usize,
     /// Lowest and highest frequency, Hz.
     pub band_hz: [f64; 2],
@@ -107,11 +109,11 @@ impl Default for Multisine {
     }
 }
 
-/// A sine from one frequency to another, linearly over the record; the same on every input but for the level.
+/// A sine whose frequency changes linearly over the record; the same on every input apart from the level.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Chirp {
-    /// RMS of the record of each input, V. By default only the first is driven.
+    /// RMS of the record of each input, V. By default, only the first input is driven.
     pub level_rms_v: [f64; INPUTS],
     /// Frequency at the start, Hz.
     pub start_hz: f64,
@@ -125,18 +127,18 @@ impl Default for Chirp {
     }
 }
 
-/// Noise levels; each may be zero, which leaves the others as they were.
+/// Noise levels. Each may be zero, which leaves the noise of the other sources unchanged.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NoiseConfig {
-    /// Noise on each sampled output, V RMS; white and Gaussian but for the two shares below.
+    /// Noise on each sampled output, V RMS; white and Gaussian apart from the two shares below.
     pub sensor_rms_v: f64,
     /// White noise on each held command, V RMS.
     pub amplifier_rms_v: f64,
     /// The response to the ambient force alone after the anti-alias filter, V RMS over the three outputs together.
-    /// With the other two sources the outputs at rest then lie at 15-20 mV.
+    /// With the default levels of the other two sources, the outputs at rest are then at 15-20 mV.
     pub ambient_rms_v: f64,
-    /// Share of the variance of the sensor noise that has passed a pole at `coloured_hz`.
+    /// Share of the variance of the sensor noise that has passed through a pole at `coloured_hz`.
     pub coloured_share: f64,
     /// The pole of the coloured part, Hz.
     pub coloured_hz: f64,
@@ -200,8 +202,8 @@ pub struct EffectsConfig {
     pub stiffness_drift_per_s: f64,
     /// Cubic stiffness at one strut.
     pub cubic_joint: Option<CubicJoint>,
-    /// Integration steps within a sample, used only where an effect acts inside the structure or moves a voltage within
-    /// a sample.
+    /// Integration steps within a sample, used only where an effect acts inside the structure or changes a voltage
+    /// within a sample.
     pub steps_per_sample: usize,
     /// Any number of simultaneous effects.
     pub list: Vec<Effect>,
@@ -213,12 +215,12 @@ impl Default for EffectsConfig {
     }
 }
 
-/// Cubic stiffness at the strut of an input: f = -k d^3. The displacement d is in V (that which a constant
-/// command of as many volts gives), and f in V (that of the command which pushes as hard).
+/// Cubic stiffness at the strut of an input: f = -k d^3. A displacement d of 1 V is the displacement under a constant
+/// command of 1 V, and a force f of 1 V is the force of a command of 1 V.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CubicJoint {
-    /// The input whose strut it is, from 1.
+    /// The input at whose strut the joint is, from 1.
     pub input: usize,
     /// k, 1/V^2; positive hardens, negative softens.
     pub stiffness_per_v2: f64,
@@ -228,8 +230,8 @@ impl TrussConfig {
     /// Returns the number of samples of a record.
     ///
     /// # Errors
-    /// If the rate is not from 1 Hz to 1 MHz, the duration is not positive, or the record has no sample or far too
-    /// many.
+    /// Returns an error if the rate is not from 1 Hz to 1 MHz, if the duration is not positive, or if the record has
+    /// no sample or too many.
     pub fn samples(&self) -> Result<usize, TestbedError> {
         let (value, [least, most]) = (self.sample_rate_hz, RATES_HZ);
         positive("sample_rate_hz", value)?;
@@ -259,7 +261,7 @@ impl TrussConfig {
         self.check_for(modes, 0)
     }
 
-    /// Checks the keys for a plant of so many modes and a record that begins so many samples after the first.
+    /// Checks the keys for a plant with `modes` modes and for records that begin `start` samples after the first one.
     pub(crate) fn check_for(&self, modes: usize, start: usize) -> Result<(), TestbedError> {
         within("repeats", self.repeats, 1, MOST_SAMPLES)?;
         let samples = self.samples()?;

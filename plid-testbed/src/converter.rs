@@ -1,4 +1,4 @@
-//! A converter: rounds to codes and clips.
+//! A converter, which rounds to codes and clips.
 
 /// A DAC or ADC.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,12 +10,12 @@ pub struct Converter {
 }
 
 impl Converter {
-    /// The converted value, and whether it was clipped.
+    /// Returns the converted value, and whether it was clipped.
     #[must_use]
     pub fn convert(&self, value: f64) -> (f64, bool) {
         let clipped = value.clamp(-self.range_v, self.range_v);
         let coded = if self.step_v > 0.0 {
-            // The last whole code within the range, should the range not be a whole number of codes.
+            // The last whole code within the range, if the range is not a whole number of codes.
             let most = (self.range_v / self.step_v * (1.0 + 1e-12)).floor();
             (clipped / self.step_v).round().clamp(-most, most) * self.step_v
         } else {
@@ -24,7 +24,7 @@ impl Converter {
         (coded, clipped != value)
     }
 
-    /// Standard deviation of the rounding, V: that of a uniform distribution over a code.
+    /// Returns the standard deviation of the rounding error, V: that of a uniform distribution over a code.
     #[must_use]
     pub fn rounding_std(&self) -> f64 {
         self.step_v / 12.0_f64.sqrt()

@@ -2,11 +2,11 @@
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// The transition matrix over `step_s` and the covariance that white noise of intensity W (n x n) adds meanwhile:
-/// int_0^h exp(A s) W exp(A s)^T ds, by Van Loan (1978).
+/// Returns the covariance that white noise of intensity W (n x n) adds over `step_s`: int_0^h exp(A s) W exp(A s)^T
+/// ds, by the method of Van Loan (1978).
 ///
-/// His exponential holds exp(-A h), which loses digits where A h is large, so it is taken over a short step and then
-/// doubled: Q(2h) = Q(h) + exp(A h) Q(h) exp(A h)^T.
+/// The exponential of this method contains exp(-A h), which loses digits if A h is large. It is therefore computed
+/// over a short step, which is then doubled repeatedly: Q(2h) = Q(h) + exp(A h) Q(h) exp(A h)^T.
 pub(crate) fn sampled(a: &DMatrix<f64>, intensity: &DMatrix<f64>, step_s: f64) -> DMatrix<f64> {
     let n = a.nrows();
     let size = a.column_iter().map(|c| c.lp_norm(1)).fold(0.0, f64::max) * step_s;
@@ -26,10 +26,10 @@ pub(crate) fn sampled(a: &DMatrix<f64>, intensity: &DMatrix<f64>, step_s: f64) -
     symmetric(covariance)
 }
 
-/// P = A P A^T + Q for a stable A, by doubling (Smith 1968): P_{i+1} = P_i + A_i P_i A_i^T, A_{i+1} = A_i^2.
+/// Solves P = A P A^T + Q for a stable A by doubling (Smith 1968): P_{i+1} = P_i + A_i P_i A_i^T, A_{i+1} = A_i^2.
 pub(crate) fn stationary(a: &DMatrix<f64>, q: &DMatrix<f64>) -> DMatrix<f64> {
     let (mut transition, mut p) = (a.clone(), q.clone());
-    // 2^64 samples outlast any mode; the loop ends when the transition has died away.
+    // No mode lasts 2^64 samples; the loop ends when the transition has decayed.
     for _ in 0..64 {
         let added = &transition * &p * transition.transpose();
         if added.amax() <= 1e-18 * p.amax() {
@@ -41,7 +41,8 @@ pub(crate) fn stationary(a: &DMatrix<f64>, q: &DMatrix<f64>) -> DMatrix<f64> {
     p
 }
 
-/// The symmetric square root of a positive semidefinite matrix; eigenvalues below zero by rounding count as zero.
+/// Returns the symmetric square root of a positive semidefinite matrix. Eigenvalues that rounding has made negative
+/// count as zero.
 pub(crate) fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let SymmetricEigen { eigenvectors: v, eigenvalues } = SymmetricEigen::new(covariance.clone());
     let roots = eigenvalues.map(|l| l.max(0.0).sqrt());
@@ -56,7 +57,8 @@ fn symmetric(m: DMatrix<f64>) -> DMatrix<f64> {
 mod tests {
     use super::*;
 
-    /// An oscillator with white force of intensity w: E q^2 = w / (4 zeta omega^3), E v^2 = w / (4 zeta omega).
+    /// An oscillator under a white force of intensity w has E q^2 = w / (4 zeta omega^3) and E v^2 = w / (4 zeta
+    /// omega).
     #[test]
     fn stationary_oscillator_is_the_closed_form_at_any_step() {
         let (omega, zeta, w): (f64, f64, f64) = (1055.0, 0.005, 3.0);

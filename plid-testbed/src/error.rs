@@ -52,7 +52,7 @@ pub enum TestbedError {
         /// Largest allowed value.
         most: usize,
     },
-    /// The sample rate is not one at which the truss can be simulated.
+    /// The sample rate is outside the range in which the truss can be simulated.
     #[error("`sample_rate_hz` must be from {least} to {most}, not {value}")]
     Rate {
         /// Its value, Hz.
@@ -62,7 +62,7 @@ pub enum TestbedError {
         /// Largest allowed rate, Hz.
         most: f64,
     },
-    /// A frequency of the input is not below half the sample rate.
+    /// A frequency is not below half the sample rate.
     #[error("`{key}` is {value} Hz, not below half the sample rate ({nyquist_hz} Hz)")]
     AboveNyquist {
         /// Path of the key.
@@ -107,7 +107,7 @@ pub enum TestbedError {
          the end of the last record"
     )]
     NoStiffness {
-        /// Relative change of stiffness a second.
+        /// Relative change of stiffness per second.
         rate: f64,
         /// Time at the end of the last repeat, s.
         end_s: f64,
@@ -154,13 +154,13 @@ pub enum TestbedError {
     },
 }
 
-/// A remark on a simulation that is valid.
+/// A remark on a valid simulation.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Warning {
-    /// Modes above half the sample rate: their response is in the records at other frequencies.
+    /// Modes lie above half the sample rate. Their response appears in the records at other frequencies.
     ModesAboveNyquist {
-        /// How many modes.
+        /// Number of these modes.
         count: usize,
         /// The highest of them, Hz.
         highest_hz: f64,
@@ -171,7 +171,7 @@ pub enum Warning {
     CommandClipped {
         /// Channel, from 0.
         channel: usize,
-        /// Samples clipped.
+        /// Number of samples clipped.
         samples: usize,
     },
     /// The ADC clipped an output.
@@ -180,7 +180,7 @@ pub enum Warning {
         repeat: usize,
         /// Channel, from 0.
         channel: usize,
-        /// Samples clipped.
+        /// Number of samples clipped.
         samples: usize,
     },
 }

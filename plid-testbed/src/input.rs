@@ -12,7 +12,7 @@ use crate::config::{Chirp, InputConfig, Multisine, TrussConfig, WhiteNoise, not_
 use crate::error::TestbedError;
 use crate::streams::{Purpose, stream};
 
-/// The command of a config: K x m, V.
+/// Returns the command of a config: K x m, V.
 pub(crate) fn command(config: &TrussConfig) -> Result<Array2<f64>, TestbedError> {
     let samples = config.samples()?;
     let rate = config.sample_rate_hz;
@@ -70,7 +70,8 @@ fn white_noise(config: &WhiteNoise, seed: u64, channel: usize, samples: usize, r
     low_passed(config.level_rms_v[channel], config.cutoff_hz, rng, samples, rate)
 }
 
-/// The filter runs in for 50 periods of its cut-off before the record begins, so the record is stationary.
+/// Returns white noise through the low-pass filter. The filter runs for 50 periods of its cut-off before the record
+/// begins, so the record is stationary.
 pub(crate) fn low_passed(
     level_rms_v: f64,
     cutoff_hz: f64,
@@ -87,7 +88,7 @@ pub(crate) fn low_passed(
     scaled_to((0..samples).map(|_| next()).collect(), level_rms_v)
 }
 
-/// The multiples of the base frequency that lie in the band, below half the sample rate.
+/// Returns the multiples of the base frequency that lie in the band and below half the sample rate.
 fn lines(config: &Multisine, rate: f64) -> Result<Vec<usize>, TestbedError> {
     let [low_hz, high_hz] = config.band_hz;
     let key = "input.multisine.band_hz";
@@ -133,7 +134,7 @@ fn chirp(config: &Chirp, channel: usize, samples: usize, rate: f64) -> Vec<f64> 
     scaled_to((0..samples).map(sine).collect(), config.level_rms_v[channel])
 }
 
-/// The signal at the RMS asked for, over its whole length; a signal of zeros stays one.
+/// Scales the signal to the requested RMS over its whole length; a signal of zeros stays one.
 pub(crate) fn scaled_to(mut signal: Vec<f64>, rms: f64) -> Vec<f64> {
     let mean_square = signal.iter().map(|v| v * v).sum::<f64>() / signal.len() as f64;
     if mean_square > 0.0 {

@@ -1,4 +1,4 @@
-//! From one sample to the next.
+//! The integration from one sample to the next.
 
 use nalgebra::DMatrix;
 
@@ -9,20 +9,20 @@ use crate::state_space::{StateSpace, multiply_add};
 
 /// Advances the state over a sample.
 ///
-/// Between the edges of its pieces a sample has constant voltages; one piece is all of it where no effect needs more.
-/// Without forces inside the structure each piece is an exact discrete model. With them it is the Runge-Kutta rule of
-/// fourth order in the form of Lawson (1967): the linear part is exact in every piece and the rule acts on the effects'
-/// forces alone, so the piece need follow only those. A force that can hold a body still is found at the end of each
-/// piece and is constant over it (Moreau 1988), which is of first order.
+/// The voltages are constant within each piece of a sample; if no effect needs more, one piece is the whole sample.
+/// Without forces inside the structure, each piece is an exact discrete model. With such forces, it is the
+/// Runge-Kutta rule of fourth order in the form of Lawson (1967): the linear part is exact in every piece, and the
+/// rule acts on the effects' forces alone, so the pieces need only resolve these forces. A force that can hold a body
+/// still is found at the end of each piece and is constant over it (Moreau 1988); this method is of first order.
 pub(crate) struct Integrator {
     structure: Vec<Box<dyn StructureEffect>>,
     actuator: Vec<Box<dyn ActuatorEffect>>,
     forces: Vec<(usize, Box<dyn Disturbance>)>,
     sample_s: f64,
-    /// Of the pieces, as shares of the sample.
+    /// The edges of the pieces, as shares of the sample.
     edges: Vec<f64>,
     pieces: Vec<Piece>,
-    /// Over a piece, or half of one where the rule needs that.
+    /// The models over a piece, or over half of one if the Runge-Kutta rule needs that.
     models: Vec<StateSpace>,
     voltages: Vec<[f64; INPUTS]>,
     inputs: Vec<f64>,
@@ -48,7 +48,7 @@ struct Work {
 const SAME_LENGTH: f64 = 1e-12;
 
 impl Integrator {
-    /// Takes the effects that act before the sensors out of the chain.
+    /// Creates an integrator with the effects that act before the sensors, which it takes out of the chain.
     pub(crate) fn new(truss: &Truss, chain: &mut Chain, steps: usize) -> Self {
         let structure = std::mem::take(&mut chain.structure);
         let forces = std::mem::take(&mut chain.forces);
@@ -94,12 +94,12 @@ impl Integrator {
         }
     }
 
-    /// The state of a truss at rest: its own states, then those of the effects.
+    /// Returns the state of a truss at rest: its own states, followed by those of the effects.
     pub(crate) fn at_rest(&self) -> Vec<f64> {
         vec![0.0; self.work.stage.len()]
     }
 
-    /// `x` at `t_s` becomes `x` one sample later, the amplifiers holding `u`.
+    /// Advances `x` at `t_s` by one sample, over which the amplifiers hold `u`.
     pub(crate) fn advance(&mut self, x: &mut [f64], u: [f64; INPUTS], t_s: f64) {
         self.voltages.fill(u);
         let span = Span { start_s: t_s, sample_s: self.sample_s, edges: &self.edges };
@@ -127,23 +127,23 @@ impl Integrator {
     }
 }
 
-/// Length of one of `steps` equal pieces, s.
+/// Returns the length of one of `steps` equal pieces, s.
 fn sample_s_of(truss: &Truss, steps: usize) -> f64 {
     1.0 / (truss.sample_rate_hz * steps as f64)
 }
 
-/// The ends of `steps` equal pieces and the jumps between them, as shares of the sample.
+/// Returns the ends of `steps` equal pieces and the jumps between them, as shares of the sample.
 fn edges(steps: usize, jumps: &[f64]) -> Vec<f64> {
     let mut edges: Vec<f64> = (0..=steps).map(|i| i as f64 / steps as f64).chain(jumps.iter().copied()).collect();
     edges.sort_by(f64::total_cmp);
     edges.dedup_by(|later, earlier| *later - *earlier < SAME_LENGTH);
-    // Not a jump just before it.
+    // The last edge is the end of the sample, and not a jump just before it.
     *edges.last_mut().expect("0 at least") = 1.0;
     edges
 }
 
-/// The continuous plant with states of the effects' own, which only the effects move, and with a force along each strut
-/// as an input more.
+/// Returns the continuous plant with the effects' own states, which only the effects move, and with a force along
+/// each strut as an additional input if there are such forces.
 fn extended(truss: &Truss, own_states: usize, forces: bool) -> StateSpace {
     let StateSpace { a, b, c, d } = &truss.continuous;
     let (n, m) = b.shape();
@@ -164,7 +164,7 @@ fn extended(truss: &Truss, own_states: usize, forces: bool) -> StateSpace {
     wide
 }
 
-/// With L the flow of the linear part over half a step and F the effects' share of dx/dt:
+/// Advances `x` by one step. With L the flow of the linear part over half a step and F the effects' share of dx/dt:
 /// k1 = F(t, x), k2 = F(t + h/2, L(x + h/2 k1)), k3 = F(t + h/2, L(x) + h/2 k2), k4 = F(t + h, L(L(x) + h k3)),
 /// and the new x is L(L(x + h/6 k1) + h/3 (k2 + k3)) + h/6 k4.
 fn sub_step(

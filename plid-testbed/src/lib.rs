@@ -1,22 +1,22 @@
-//! The simulated truss of Vallone and Hopkins (1995): structure, actuators, sensors, converters.
+//! The simulated truss of Vallone and Hopkins (1995): structure, actuators, sensors and converters.
 //!
-//! It is the truth against which an identification is judged, so nothing here depends on one.
+//! It is the truth against which an identification is judged, so nothing in this crate depends on an identification.
 //! A command passes through this chain:
 //!
 //! command -> DAC (held over a sample) -> amplifier noise -> actuator pole -> structure ->
 //! accelerations -> anti-alias filter -> sampled at t_k, before u_k acts -> sensor noise -> ADC.
 //!
-//! [`effects`] lists further faults: at an actuator, in the structure, at a sensor, from outside.
+//! [`effects`] contains further effects: at an actuator, in the structure, at a sensor, and from outside.
 //!
 //! [`truss`] gives the plant with its true model, modes and noise covariances; [`simulate`] runs the
 //! experiment of a [`TrussConfig`]; [`simulate_input`] does so for an input given as an array.
 //!
 //! # Same seed, same bytes
-//! Random numbers come from ChaCha12 with one stream a purpose and repeat, and the time stepping uses plain
-//! loops without fused operations, so a run repeats bit by bit on one machine. Across machines two things
-//! may differ in the last bit: the mathematics library behind `sin`, `cos`, `exp` and `tan`, and the matrix
-//! products within the matrix exponential, whose order depends on the processor's vector width. That is about 1e-15 V
-//! before a converter with steps of 2.5 mV, so its codes very nearly always agree.
+//! Random numbers come from ChaCha12 with one stream per purpose and repeat, and the time stepping uses plain loops
+//! without fused operations, so a run repeats bit by bit on one machine. Between machines, two things may differ in
+//! the last bit: the mathematics library behind `sin`, `cos`, `exp` and `tan`, and the matrix products within the
+//! matrix exponential, whose order depends on the processor's vector width. The difference is about 1e-15 V before a
+//! converter with steps of 2.5 mV, so its codes almost always agree.
 
 mod axes;
 mod butterworth;
@@ -49,9 +49,9 @@ pub use simulation::{Simulation, simulate, simulate_input};
 pub use state_space::StateSpace;
 pub use structure::{Mode, ModeGroup};
 
-/// Piezoelectric strut actuators, the inputs of the truss.
+/// Number of piezoelectric strut actuators, which are the inputs of the truss.
 pub const INPUTS: usize = 3;
-/// Accelerometers on the platform's corners, the outputs of the truss.
+/// Number of accelerometers on the platform's corners, which are the outputs of the truss.
 pub const OUTPUTS: usize = 3;
 /// Pole of each actuator with its amplifier, in Hz.
 pub const ACTUATOR_POLE_HZ: f64 = 260.0;

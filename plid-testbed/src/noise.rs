@@ -1,4 +1,4 @@
-//! The random part of a record: draws in a fixed order from its own streams.
+//! The random part of a record, drawn in a fixed order from its own streams.
 
 use std::f64::consts::PI;
 
@@ -20,7 +20,7 @@ pub(crate) struct Noise {
     ambient: (DMatrix<f64>, ChaCha12Rng),
     start: (DMatrix<f64>, ChaCha12Rng),
     sensor: SensorNoise,
-    /// Inputs whose amplifiers are on: the first ones.
+    /// Number of inputs whose amplifiers are on: the first ones.
     inputs: usize,
 }
 
@@ -51,9 +51,10 @@ impl Noise {
         add_coloured(&mut self.ambient, x);
     }
 
-    /// Adds the amplifiers' noise, and turns those off that are not on.
+    /// Adds the noise of the amplifiers that are on, and sets the inputs of the others to zero.
     pub(crate) fn amplifier(&mut self, u: &mut [f64; INPUTS]) {
-        // All are drawn, so that those that are on have the same noise whatever the others do.
+        // Noise is drawn for all inputs, so that the amplifiers that are on have the same noise whatever the others
+        // do.
         add_white(&mut self.amplifier, u);
         u[self.inputs..].fill(0.0);
     }
@@ -74,7 +75,7 @@ struct SensorNoise {
     heavy: ChaCha12Rng,
 }
 
-/// Degrees of freedom of the heavy-tailed part: the fewest whole number with a variance.
+/// Degrees of freedom of the heavy-tailed part: the smallest whole number with a finite variance.
 const FREEDOM: f64 = 3.0;
 
 impl SensorNoise {
@@ -92,7 +93,7 @@ impl SensorNoise {
     }
 
     fn add(&mut self, outputs: &mut Array2<f64>) {
-        // Sample by sample: the order in which the stream is drawn.
+        // The stream is drawn sample by sample.
         outputs.iter_mut().for_each(|y| add_white(&mut self.white, std::slice::from_mut(y)));
         if self.config.coloured_share > 0.0 {
             self.add_filtered(outputs);
@@ -104,7 +105,7 @@ impl SensorNoise {
         }
     }
 
-    /// White noise through one pole, in its stationary state from the first sample on.
+    /// Adds white noise through one pole, which is in its stationary state from the first sample on.
     fn add_filtered(&mut self, outputs: &mut Array2<f64>) {
         let rms = self.config.sensor_rms_v * self.config.coloured_share.sqrt();
         let fresh = (1.0 - self.pole * self.pole).sqrt();
@@ -137,7 +138,7 @@ fn add_coloured((root, rng): &mut (DMatrix<f64>, ChaCha12Rng), values: &mut [f64
 mod tests {
     use super::*;
 
-    /// Variance, correlation of neighbours and kurtosis of each mixture are those of its parts.
+    /// The variance, the correlation of neighbours and the tails of each mixture are those of its parts.
     #[test]
     fn each_part_has_its_share_of_the_variance() {
         for (coloured_share, heavy_share) in [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.4, 0.3)] {
@@ -152,7 +153,7 @@ mod tests {
             assert!((variance / 4.0 - 1.0).abs() < 0.05, "{variance}");
             let pole = (-2.0 * PI * config.noise.coloured_hz / config.sample_rate_hz).exp();
             assert!((next - coloured_share * pole).abs() < 0.02, "{next}");
-            // Of a Gaussian, 6e-7.
+            // For a Gaussian, the share is 6e-7.
             assert_eq!(far > 1e-4, heavy_share > 0.0, "{far}");
         }
     }

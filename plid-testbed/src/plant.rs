@@ -17,15 +17,15 @@ use crate::{ACTUATOR_POLE_HZ, ANTI_ALIAS_HZ, INPUTS, OUTPUTS};
 
 /// The plant: its modes, its true model, and the noise that an identifier meets.
 ///
-/// States, in this order: the output of each actuator (V); for each mode w q and dq/dt; for each output the filtered
-/// voltage y and (dy/dt) / w_c, with w_c the filter's corner in rad/s. All blocks are so scaled that A is of the size
-/// of the frequencies.
+/// The states are, in this order: the output of each actuator (V); for each mode w q and dq/dt; for each output the
+/// filtered voltage y and (dy/dt) / w_c, with w_c the filter's corner in rad/s. All blocks are scaled so that the
+/// entries of A are of the order of the frequencies.
 #[derive(Clone, Debug)]
 pub struct Truss {
     /// Sample rate of `discrete`, Hz.
     pub sample_rate_hz: f64,
-    /// The modes, in the order of their states; none where bodies on axes are in their place, whose states are their
-    /// positions and velocities.
+    /// The modes, in the order of their states. There are none for bodies on axes, whose states are their positions
+    /// and velocities.
     pub modes: Vec<Mode>,
     /// The axes in place of modes.
     pub(crate) axes: Option<Axes>,
@@ -37,7 +37,7 @@ pub struct Truss {
     pub discrete: StateSpace,
     /// The noise of the samples.
     pub noise: NoiseCovariances,
-    /// Where a force may act at the strut of each input.
+    /// The places where a force may act, at the strut of each input.
     pub ports: Vec<StrutPort>,
     /// Unusual properties of this plant at this rate.
     pub warnings: Vec<Warning>,
@@ -57,13 +57,13 @@ pub struct NoiseCovariances {
     pub at_rest: DMatrix<f64>,
 }
 
-/// The strut of an input as a place where an internal force acts. The units are volts: a force of 1 V pushes as an
-/// actuator's output of 1 V does, and a displacement of 1 V is that which a constant command of 1 V gives.
+/// The strut of an input as a place where an internal force acts. The units are volts: a force of 1 V pushes as the
+/// output of an actuator of 1 V does, and a displacement of 1 V is that under a constant command of 1 V.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StrutPort {
     /// The input, from 0.
     pub input: usize,
-    /// Added to dx/dt per volt of force (n entries).
+    /// Contribution of a force of 1 V to dx/dt (n entries).
     pub force: Vec<f64>,
     /// Row that gives the displacement, V (n entries).
     pub displacement: Vec<f64>,
@@ -71,12 +71,13 @@ pub struct StrutPort {
     pub velocity: Vec<f64>,
 }
 
-/// Index of a mode's first state.
+/// Returns the index of a mode's first state.
 pub(crate) fn mode_state(mode: usize) -> usize {
     INPUTS + 2 * mode
 }
 
-/// The vector by which a modal force enters dx/dt: the mode's acceleration, and at once the accelerometers.
+/// Returns the vector by which a modal force enters dx/dt: as the mode's acceleration, and directly at the
+/// accelerometers.
 pub(crate) fn modal_force(modes: &[Mode], mode: usize) -> Vec<f64> {
     let mut force = vec![0.0; states(modes)];
     force[mode_state(mode) + 1] = 1.0;
@@ -86,7 +87,7 @@ pub(crate) fn modal_force(modes: &[Mode], mode: usize) -> Vec<f64> {
     force
 }
 
-/// Index of an output's first filter state.
+/// Returns the index of an output's first filter state.
 pub(crate) fn filter_state(modes: &[Mode], output: usize) -> usize {
     INPUTS + 2 * modes.len() + 2 * output
 }
@@ -102,21 +103,21 @@ fn filter_corner() -> f64 {
 /// Builds the plant of a config.
 ///
 /// # Errors
-/// If a key of the config is wrong.
+/// Returns an error if a key of the config is wrong.
 pub fn truss(config: &TrussConfig) -> Result<Truss, TestbedError> {
     config.check()?;
     let modes = structure::modes(config.structure.strut_modes_per_tube);
     Ok(assemble(config, Plant::of_modes(modes, [ACTUATOR_POLE_HZ; INPUTS])))
 }
 
-/// This plant under a checked config, without effects.
+/// Assembles this plant under a checked config, without effects.
 pub(crate) fn assemble(config: &TrussConfig, plant: Plant) -> Truss {
     let units = compliances(&plant.modes);
     assemble_in(config, plant, units)
 }
 
-/// The plant as the linear effects of a checked config change it. The units of its ports stay those of the unchanged
-/// plant.
+/// Returns the plant as changed by the linear effects of a checked config. The units of its ports stay those of the
+/// unchanged plant.
 pub(crate) fn altered(config: &TrussConfig, truss: &Truss) -> Truss {
     let unchanged = Plant { modes: truss.modes.clone(), axes: truss.axes.clone(), poles_hz: truss.actuator_poles_hz };
     let mut plant = unchanged.clone();
@@ -126,9 +127,9 @@ pub(crate) fn altered(config: &TrussConfig, truss: &Truss) -> Truss {
     effects::loads(&config.effects).into_iter().fold(altered, |truss, load| loaded(config, truss, load))
 }
 
-/// The plant with a force f = -m dv/dt - c v - k d at a port. With b for what a force adds to dx/dt and r for the row
-/// of the velocity, dv/dt = r dx/dt, so m takes the share m r b / (1 + m r b) from all that moves the port. Its m, c
-/// and k are positive, so a stable plant stays stable.
+/// Returns the plant with a force f = -m dv/dt - c v - k d at a port. With b for the contribution of a force to dx/dt
+/// and r for the row of the velocity, dv/dt = r dx/dt, so m takes away the share m r b / (1 + m r b) of everything
+/// that moves the port. All of m, c and k are positive or zero, so a stable plant stays stable.
 fn loaded(config: &TrussConfig, mut truss: Truss, load: Load) -> Truss {
     let port = truss.ports[load.port].clone();
     let n = truss.continuous.states();
@@ -150,10 +151,11 @@ fn loaded(config: &TrussConfig, mut truss: Truss, load: Load) -> Truss {
     truss
 }
 
-/// The model of somebody who has missed a mode, from 0: the plant of a config without it and without effects.
+/// Builds the plant of a config without one mode (numbered from 0) and without effects: the model of an engineer who
+/// has missed this mode.
 ///
 /// # Errors
-/// If a key of the config is wrong, or there is no such mode.
+/// Returns an error if a key of the config is wrong, or if there is no such mode.
 pub fn truss_without_mode(config: &TrussConfig, mode: usize) -> Result<Truss, TestbedError> {
     let mut modes = truss(config)?.modes;
     within("mode", mode, 0, modes.len() - 1)?;
@@ -162,7 +164,8 @@ pub fn truss_without_mode(config: &TrussConfig, mode: usize) -> Result<Truss, Te
     Ok(assemble_in(config, Plant::of_modes(modes, [ACTUATOR_POLE_HZ; INPUTS]), units))
 }
 
-/// The truss of a plant, where `units` are the displacements that count as 1 V at each port, in the modes' units.
+/// Assembles the truss of a plant, where `units` are the displacements that count as 1 V at each port, in the modes'
+/// units.
 pub(crate) fn assemble_in(config: &TrussConfig, plant: Plant, units: [f64; INPUTS]) -> Truss {
     let Plant { modes, axes, poles_hz } = plant;
     let step_s = 1.0 / config.sample_rate_hz;
@@ -200,7 +203,7 @@ fn continuous(modes: &[Mode], poles_hz: [f64; INPUTS]) -> StateSpace {
     for (m, mode) in modes.iter().enumerate() {
         let (w, q) = (mode.angular_frequency(), mode_state(m));
         a[(q, q + 1)] = w;
-        // Each part of the modal acceleration also drives the filters at once.
+        // Each part of the modal acceleration also drives the filters directly.
         for (row, &share) in modal_force(modes, m).iter().enumerate().filter(|(_, share)| **share != 0.0) {
             a[(row, q)] -= share * w;
             a[(row, q + 1)] -= share * 2.0 * mode.damping_ratio * w;
@@ -220,8 +223,9 @@ fn continuous(modes: &[Mode], poles_hz: [f64; INPUTS]) -> StateSpace {
     StateSpace { a, b, c, d: DMatrix::zeros(OUTPUTS, INPUTS) }
 }
 
-/// The ambient force: independent white forces on the platform's corners, where the accelerometers sit, scaled so that
-/// the outputs have the RMS asked for. Bodies on axes have none.
+/// Returns the noise of the samples. The ambient force consists of independent white forces on the platform's
+/// corners, where the accelerometers sit, scaled so that the outputs have the requested RMS. Bodies on axes have
+/// none.
 fn noise(
     config: &TrussConfig,
     modes: &[Mode],
@@ -251,12 +255,12 @@ fn noise(
     }
 }
 
-/// The static displacement by a force of 1 V at the strut of each input, in the modes' units.
+/// Returns the static displacement under a force of 1 V at the strut of each input, in the modes' units.
 pub(crate) fn compliances(modes: &[Mode]) -> [f64; INPUTS] {
     std::array::from_fn(|j| modes.iter().map(|mode| (mode.input_shape[j] / mode.angular_frequency()).powi(2)).sum())
 }
 
-/// `compliance` is the displacement, in the modes' units, that counts as 1 V.
+/// Returns the port of an input, where `compliance` is the displacement, in the modes' units, that counts as 1 V.
 fn strut_port(modes: &[Mode], input: usize, compliance: f64) -> StrutPort {
     let n = states(modes);
     let shape = |mode: &Mode| mode.input_shape[input];

@@ -13,18 +13,18 @@ use crate::plant::Truss;
 use crate::state_space::multiply_add;
 use crate::{INPUTS, OUTPUTS};
 
-/// Largest motion in V that a truss can have.
+/// Largest output of a truss that counts as stable, V.
 const UNBOUNDED_V: f64 = 1e6;
 
-/// Outputs of a record, and how many samples of each the ADC clipped.
+/// The outputs of a record, and the number of samples of each that the ADC clipped.
 pub(crate) struct Recorded {
     pub outputs: Array2<f64>,
     pub clipped: Vec<usize>,
 }
 
-/// Outputs (K x p) of the plant, as its linear effects changed it, for commands as the DAC gives them (K x m). Without
-/// noise the structure starts motionless and nothing is converted; with it, it starts as the ambient force left it.
-/// Clocks of effects run on from the records before.
+/// Returns the outputs (K x p) of the plant, as its linear effects changed it, for commands as the DAC gives them (K
+/// x m). Without noise, the structure starts at rest and nothing is converted. With noise, it starts with the motion
+/// that the ambient force has caused. The clocks of effects run on from the preceding records.
 pub(crate) fn record(
     config: &TrussConfig,
     truss: &Truss,
@@ -51,7 +51,8 @@ pub(crate) fn record(
     Ok(Recorded { outputs, clipped })
 }
 
-/// The filtered accelerations at the samples; as many more rows as the sensor effects look ahead, without command.
+/// Returns the outputs at the samples, before the effects of the sensors. As many more rows follow as the sensor
+/// effects look ahead, without a command.
 fn motion(
     config: &TrussConfig,
     truss: &Truss,
@@ -81,14 +82,14 @@ fn motion(
         }
         integrator.advance(&mut x, u, clock.time_s(k));
         if let Some(noise) = &mut noise {
-            // Exact for the linear structure; an effect meets the ambient force's motion at the next sample.
+            // Exact for the linear structure. An effect meets the motion due to the ambient force at the next sample.
             noise.ambient(&mut x[..states]);
         }
     }
     Ok(outputs)
 }
 
-/// Converts every channel; also how many samples of each were clipped.
+/// Converts every channel, and counts the clipped samples of each.
 pub(crate) fn convert(converter: Converter, mut signal: Array2<f64>) -> (Array2<f64>, Vec<usize>) {
     let mut clipped = vec![0; signal.ncols()];
     for ((_, channel), value) in signal.indexed_iter_mut() {

@@ -17,14 +17,14 @@ pub struct StateSpace {
 }
 
 impl StateSpace {
-    /// Number of states.
+    /// Returns the number of states.
     #[must_use]
     pub fn states(&self) -> usize {
         self.a.nrows()
     }
 
-    /// This continuous model sampled every `step_s` seconds with inputs held between: exact, from the matrix
-    /// exponential of [A B; 0 0].
+    /// Returns this continuous model sampled every `step_s` seconds, with inputs held in between: exact, from the
+    /// matrix exponential of [A B; 0 0].
     #[must_use]
     pub fn sampled(&self, step_s: f64) -> Self {
         let (n, m) = self.b.shape();
@@ -40,10 +40,10 @@ impl StateSpace {
         }
     }
 
-    /// Outputs (K x p) of this discrete model for inputs (K x m), from rest.
+    /// Returns the outputs (K x p) of this discrete model for inputs (K x m), from rest.
     ///
     /// # Panics
-    /// If the inputs have not m columns.
+    /// Panics if the inputs do not have m columns.
     #[must_use]
     pub fn simulate(&self, inputs: ArrayView2<f64>) -> Array2<f64> {
         assert_eq!(inputs.ncols(), self.b.ncols(), "one column an input");
@@ -64,7 +64,7 @@ impl StateSpace {
     }
 }
 
-/// `y += M x`, column by column in a fixed order: the same bits on every processor.
+/// Computes `y += M x`, column by column in a fixed order, which gives the same bits on every processor.
 pub(crate) fn multiply_add(m: &DMatrix<f64>, x: &[f64], y: &mut [f64]) {
     debug_assert_eq!((m.nrows(), m.ncols()), (y.len(), x.len()));
     for (column, &xj) in m.as_slice().chunks_exact(y.len()).zip(x) {

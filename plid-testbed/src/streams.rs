@@ -1,4 +1,4 @@
-//! Random numbers: one ChaCha12 stream a purpose, so that turning one source off leaves the others as they were.
+//! Random numbers: one ChaCha12 stream per purpose, so that turning one source off leaves the others unchanged.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
@@ -8,7 +8,7 @@ use rand_chacha::ChaCha12Rng;
 pub(crate) enum Purpose {
     /// The command; indexed by input.
     Input = 1,
-    /// Amplifier noise; indexed by repeat, as all that follow.
+    /// Amplifier noise; indexed by repeat, as are the next three.
     Amplifier = 2,
     /// Ambient force during a record.
     Ambient = 3,
@@ -18,17 +18,17 @@ pub(crate) enum Purpose {
     Sensor = 5,
     /// The random part of an effect; indexed by repeat and effect.
     Effect = 6,
-    /// The truss, the nominal model and the effects of a gap case.
+    /// The plant, the nominal model and the effects of a gap case.
     Draw = 7,
     /// The commands of a gap case; indexed by record and input.
     Excitation = 8,
-    /// The coloured part of sensor noise; indexed by repeat, as the next.
+    /// The coloured part of sensor noise; indexed by repeat, as is the next.
     ColouredNoise = 9,
     /// The heavy-tailed part of sensor noise.
     HeavyNoise = 10,
 }
 
-/// The stream of one purpose and index (input or repeat).
+/// Returns the stream of one purpose and index, such as an input or a repeat.
 pub(crate) fn stream(seed: u64, purpose: Purpose, index: usize) -> ChaCha12Rng {
     let mut rng = ChaCha12Rng::seed_from_u64(seed);
     rng.set_stream(((purpose as u64) << 32) | index as u64);

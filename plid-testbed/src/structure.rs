@@ -11,7 +11,7 @@ pub(crate) const MOST_MODES_PER_TUBE: usize = 2;
 /// Modes in addition to those of the tubes.
 pub(crate) const PLATFORM_MODES: usize = DOMINANT.len() + TRUNCATED.len();
 
-/// Why a mode is in the list.
+/// The reason why a mode is in the list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModeGroup {
     /// Bending of a strut tube, near 60 Hz.
@@ -30,16 +30,16 @@ pub struct Mode {
     pub frequency_hz: f64,
     /// Damping ratio.
     pub damping_ratio: f64,
-    /// Modal force a volt at each actuator.
+    /// Modal force per volt at each actuator.
     pub input_shape: [f64; INPUTS],
-    /// Volts at each accelerometer a unit of modal acceleration.
+    /// Volts at each accelerometer per unit of modal acceleration.
     pub output_shape: [f64; OUTPUTS],
-    /// Why it is in the list.
+    /// The reason why it is in the list.
     pub group: ModeGroup,
 }
 
 impl Mode {
-    /// Natural frequency in rad/s.
+    /// Returns the natural frequency in rad/s.
     #[must_use]
     pub fn angular_frequency(&self) -> f64 {
         2.0 * std::f64::consts::PI * self.frequency_hz
@@ -54,7 +54,7 @@ struct Motion {
 }
 
 impl Motion {
-    /// What three points 120 degrees apart, the first at `first_deg`, see of it.
+    /// Returns the motion at three points 120 degrees apart, of which the first is at `first_deg`.
     fn at_corners(&self, first_deg: f64, scale: f64) -> [f64; 3] {
         std::array::from_fn(|i| {
             let (sin, cos) = (first_deg + 120.0 * i as f64).to_radians().sin_cos();
@@ -63,14 +63,16 @@ impl Motion {
     }
 }
 
-/// Where the first accelerometer sits, and the first actuator's strut ends: near each other, not at one place.
+/// Angles of the first accelerometer and of the end of the first actuator's strut, which are near each other but
+/// differ.
 const SENSOR_DEG: f64 = 90.0;
 const ACTUATOR_DEG: f64 = 100.0;
 
 /// Scale of every shape, of actuators and accelerometers alike. Its square is the gain from command to output, chosen
 /// so that 1 V RMS of the shaped white noise on all inputs gives 0.5 V RMS over the outputs.
 const SHAPE_SCALE: f64 = 0.1515;
-/// Scale of the tubes' shapes against the others; sets the group of tube modes 40 dB below the highest dominant peak.
+/// Scale of the tubes' shapes relative to the others. It sets the group of tube modes 40 dB below the highest
+/// dominant peak.
 const TUBE_SCALE: f64 = 0.091;
 
 /// Frequency (Hz), damping ratio, and (piston, tip, tilt) of the platform and of the strut ends.
@@ -95,12 +97,12 @@ pub(crate) const TRUNCATED: [Row; 8] = [
     (731.0, 0.0090, [-0.20, -0.20, 0.10], [-0.25, -0.15, 0.10]),
 ];
 
-/// The tubes' frequencies in their two planes, Hz: nominally 60, apart by the scatter of tubes and bonds.
+/// The tubes' frequencies in their two planes, Hz: nominally 60, with the scatter of tubes and bonds.
 const TUBE_HZ: [[f64; MOST_MODES_PER_TUBE]; TUBES] =
     [[58.1, 61.4], [59.0, 62.3], [57.4, 60.6], [59.6, 63.0], [58.5, 61.0], [60.1, 62.7]];
 const TUBE_DAMPING: [f64; TUBES] = [0.0040, 0.0050, 0.0035, 0.0045, 0.0055, 0.0030];
 
-/// All modes, lowest group first. `modes_per_tube` is 1 or 2.
+/// Returns all modes, lowest group first. `modes_per_tube` is 1 or 2.
 pub(crate) fn modes(modes_per_tube: usize) -> Vec<Mode> {
     let tubes = (0..TUBES).flat_map(|tube| (0..modes_per_tube).map(move |plane| tube_mode(tube, plane)));
     let dominant = DOMINANT.iter().map(|row| platform_mode(row, ModeGroup::Dominant));
@@ -120,8 +122,9 @@ pub(crate) fn platform_mode(row: &Row, group: ModeGroup) -> Mode {
     }
 }
 
-/// Two tubes meet at each corner, and every other tube holds an actuator. Its own corner and its own actuator
-/// see a tube most; the others see it through the platform, with opposite signs for the two planes.
+/// Returns the mode of a tube in a plane. Two tubes meet at each corner, and every other tube holds an actuator. The
+/// motion of a tube is largest at its own corner and at its own actuator. The others see it through the platform,
+/// with opposite signs for the two planes.
 pub(crate) fn tube_mode(tube: usize, plane: usize) -> Mode {
     let corner = tube / 2;
     let sign = if plane == 0 { 1.0 } else { -1.0 };

@@ -1,4 +1,4 @@
-//! The answer to a case on disk: its files, and answer.json with their hashes.
+//! The answer to a case on disk: its files, and answer.json with the hashes of these files.
 
 use plid_file::{Folders, sha256};
 use std::collections::BTreeMap;
@@ -35,7 +35,7 @@ pub(crate) const ANSWER: &str = "answer.json";
 /// The duration is stored in a separate file and is not part of the answer, because it differs from run to run.
 pub(crate) const SECONDS: &str = "seconds.json";
 
-/// seconds.json.
+/// The content of seconds.json.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Seconds {
@@ -72,7 +72,8 @@ pub(crate) fn write(
     }
 }
 
-/// Reads answer.json of a case and its hash, and checks the hashes of its files; `None` if the case has no answer.
+/// Reads answer.json of a case and checks the hashes of its files. Returns the hash of answer.json as well; `None` if
+/// the case has no answer.
 pub(crate) fn read(answers: &Path, case: &str) -> Result<Option<(Answered, String)>, TrialError> {
     let folder = answers.join(case);
     let path = folder.join(ANSWER);
@@ -87,7 +88,7 @@ pub(crate) fn read(answers: &Path, case: &str) -> Result<Option<(Answered, Strin
         return Err(changed());
     }
     for (name, hash) in &answered.files {
-        // Another folder's files, or a device, are not part of an answer.
+        // Files of another folder, or devices, are not part of an answer.
         if Path::new(name).file_name().is_none_or(|own| own != name.as_str()) {
             return Err(changed());
         }
@@ -99,7 +100,7 @@ pub(crate) fn read(answers: &Path, case: &str) -> Result<Option<(Answered, Strin
     Ok(Some((answered, sha256(&bytes))))
 }
 
-/// Whether all answers come from one program; none where there is no answer.
+/// Returns the one program from which all answers come; `None` without answers.
 pub(crate) fn one_program<'a>(answered: impl IntoIterator<Item = &'a Answered>) -> Result<Option<Program>, TrialError> {
     let mut one: Option<&Program> = None;
     for answered in answered {
@@ -131,7 +132,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let at = directory.path();
         assert_eq!(read(at, "case-1").unwrap(), None);
-        // What a crash left is removed.
+        // Remains of a crash are removed.
         fs::create_dir(at.join(".case-1.x.plid-tmp")).unwrap();
         fs::write(at.join(".case-1.x.plid-tmp/half"), "x").unwrap();
         let answers = Folders::new(at).unwrap();

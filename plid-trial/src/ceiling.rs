@@ -1,4 +1,4 @@
-//! The ceiling of what a model without physics closes: the gap that the black box leaves on held-out records, beside
+//! The ceiling: the gap that a model without physics, the black box, leaves on held-out records, in comparison with
 //! that of plid's answer.
 
 use std::collections::BTreeSet;
@@ -13,7 +13,7 @@ use crate::vocabulary::family;
 /// Median gaps of held-out records over some cases that have a black box.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ceiling {
-    /// The cases in words.
+    /// The description of the cases.
     pub is: String,
     /// Number of cases.
     pub cases: usize,
@@ -23,8 +23,7 @@ pub struct Ceiling {
     pub diagnosis: Option<f64>,
     /// The gap that the black box leaves.
     pub black_box: Option<f64>,
-    /// The gap that imperfections and noise make without the main effects; where there are no imperfections, that of
-    /// noise alone.
+    /// The gap that imperfections and noise make without the main effects; without imperfections, that of noise alone.
     pub background: Option<f64>,
     /// The cases in which plid's answer leaves no more than the black box.
     pub diagnosis_is_closer: Rate,
@@ -109,7 +108,7 @@ mod tests {
         let mut lines = vec![
             line("clearance", Asked::Single, Some(0.02), Some(0.03)),
             line("clearance", Asked::Single, Some(0.05), Some(0.04)),
-            // Without a prediction the gap stays as given.
+            // Without a prediction, the gap is that of the simulation as given.
             line("sensor-gain", Asked::Single, None, Some(0.02)),
             line("sensor-gain", Asked::Single, Some(0.03), None),
             line("x-backlash", Asked::Outside, Some(0.09), Some(0.05)),

@@ -30,7 +30,7 @@ pub struct TrialConfig {
 pub struct Cases {
     /// Nothing is missing.
     pub none: usize,
-    /// One effect: this many cases of each, with its places in turn.
+    /// One effect: this many cases of each effect, with its places in turn.
     pub singles_per_effect: usize,
     /// Two effects.
     pub pairs: usize,
@@ -38,9 +38,9 @@ pub struct Cases {
     pub triples: usize,
     /// One effect outside the vocabulary, with kinds in turn.
     pub outsiders: usize,
-    /// One effect of the vocabulary, with effects in turn: additional single effects that are answered a second time
-    /// without that effect. As many of the other single effects are answered a second time without an effect that does
-    /// not act.
+    /// One effect of the vocabulary, with effects in turn. These are additional single effects that are answered a
+    /// second time without that effect. As many of the other single effects are answered a second time without an
+    /// effect that does not act.
     pub leave_one_out: usize,
     /// One effect: total number of such cases, with effects in turn, in addition to those of `singles_per_effect`.
     pub singles: usize,
@@ -65,7 +65,7 @@ pub struct Draw {
     pub ports: f64,
     /// Kinds of plants, drawn with equal probability among those on which the effects of a case make sense.
     pub plants: Vec<PlantKind>,
-    /// Numbers of channels, drawn with equal probability; of a plant that has fewer, all that it has. An effect from
+    /// Numbers of channels, drawn with equal probability. A plant that has fewer keeps all of its own. An effect from
     /// one channel into another gets all channels.
     pub channels: Vec<Channels>,
     /// Kinds of experiments, drawn with equal probability.
@@ -80,7 +80,7 @@ pub struct Draw {
     pub least: f64,
     /// Gap that small effects make together, in addition to the effects of a case; 0 for none.
     pub imperfections: Span,
-    /// How far the simulation of a case with imperfections is off, in standard deviations of the stated limits.
+    /// Error of the simulation of a case with imperfections, in standard deviations of the stated limits.
     pub beyond_limits: Span,
     /// The half of the effects outside the vocabulary from which outsiders are drawn, or all of them.
     pub outsiders: Outsiders,
@@ -100,7 +100,7 @@ pub enum Span {
 }
 
 impl Span {
-    /// The least and the largest.
+    /// Returns the least and the largest number.
     pub fn ends(self) -> [f64; 2] {
         match self {
             Self::Value(value) => [value, value],
@@ -108,7 +108,7 @@ impl Span {
         }
     }
 
-    /// Draws a number; nothing is drawn where there is no choice.
+    /// Draws a number. No random number is used if there is no choice.
     pub(crate) fn drawn(self, rng: &mut impl RngExt) -> f64 {
         match self.ends() {
             [low, high] if low < high => rng.random_range(low..=high),
@@ -160,7 +160,7 @@ impl TrialConfig {
     /// Returns the built-in quick trial.
     ///
     /// # Errors
-    /// Never panics, as a test shows.
+    /// Returns no error, as a test confirms.
     pub fn quick() -> Result<Self, ConfigError> {
         from_toml_checked(QUICK, "the built-in trial", Self::problems)
     }
@@ -199,7 +199,7 @@ impl TrialConfig {
         self.draw.plants.iter().any(|plant| plant.takes(effect))
     }
 
-    /// Returns the invalid values that depend on what the plants are.
+    /// Returns the invalid values that depend on the kinds of plants.
     fn problems_of_plants(&self, problems: &mut Vec<(&'static str, String)>) {
         let draw = &self.draw;
         for name in draw.effects.iter().filter(|name| family(name).is_some() && !self.is_taken(name)) {
@@ -344,8 +344,8 @@ mod tests {
         assert_eq!(read(&to_toml(&config)).unwrap(), config);
     }
 
-    /// What the standard trial must hold, and every trial: one case in four with nothing, six kinds of outsiders where
-    /// there are some.
+    /// In each of the first five trials, at least one case in four has nothing missing. The other trials have the
+    /// required numbers of cases, and the required halves of outsiders and laws.
     #[test]
     fn the_trials_that_come_with_plid_are_as_large_as_they_must_be() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("experiments");
@@ -353,7 +353,7 @@ mod tests {
             let config = TrialConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
             assert_eq!(config.name, name);
             assert!(4 * config.cases.none >= config.total(), "{name}");
-            // Their published seeds give the cases that they gave before.
+            // Their published seeds give the same cases as before.
             assert_eq!(config.draw.families, Families::Fixed, "{name}");
         }
         let standard = TrialConfig::read(&folder.join("standard.toml")).unwrap();

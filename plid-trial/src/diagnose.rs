@@ -18,7 +18,7 @@ use plid_model::to_json;
 use plid_work::{Progress, SHARD, Shard, caught};
 use serde::{Deserialize, Serialize};
 
-/// How the work is divided; the answers do not depend on it.
+/// The division of the work; the answers do not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
     /// The shard of cases to answer; `None` for all.
@@ -36,11 +36,11 @@ pub struct Done {
     pub before: usize,
     /// The cases whose diagnosis failed, each with the reason, in order.
     pub failed: Vec<(String, String)>,
-    /// Where the answers are.
+    /// The folder of the answers.
     pub answers: PathBuf,
 }
 
-/// T/shards/i-of-N/shard.json, written when the shard is complete.
+/// The content of T/shards/i-of-N/shard.json, which is written when the shard is complete.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ShardFile {
@@ -113,7 +113,7 @@ pub fn diagnose_with(
     Ok(done)
 }
 
-/// Returns the cases that have no answer yet; those that are there must be by this program.
+/// Returns the cases that have no answer yet. Existing answers must come from this program.
 fn unanswered<'a>(answers: &Path, ours: &[&'a OpenCase], program: &Program) -> Result<Vec<&'a OpenCase>, TrialError> {
     let mut open = Vec::new();
     for case in ours {
@@ -155,7 +155,7 @@ pub(crate) fn answer_all(
         let fail = |error| {
             trouble.lock().expect("nobody panics while holding it").get_or_insert(error);
         };
-        // One thread a case: a diagnosis that shares its work out would make the others wait.
+        // Each case uses one thread: a diagnosis that distributes its work would delay the others.
         let pool = match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
             Ok(pool) => pool,
             Err(error) => {
@@ -195,8 +195,8 @@ pub(crate) fn answer_all(
     Ok(Done { cases: ours.len(), before, failed, answers })
 }
 
-/// Reads the case in a folder. Only files of the folder itself were drawn and are compared with what was drawn, so a
-/// case that names any other file is refused.
+/// Reads the case in a folder. Only files of the folder itself were drawn and are checked, so a case that names any
+/// other file is refused.
 fn case_in(folder: &Path) -> Result<Case, String> {
     let path = folder.join("case.toml");
     let case = Case::read(&path).map_err(|e| e.to_string())?;

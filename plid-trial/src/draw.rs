@@ -1,4 +1,4 @@
-//! Cases in one directory, their answers under seal in another.
+//! Draws the cases into one directory, and their sealed truths into another.
 
 use plid_file::sha256;
 use std::collections::BTreeMap;
@@ -28,14 +28,14 @@ pub struct Drawn {
     pub repeated: usize,
 }
 
-/// Number of attempts to draw a case, each with other numbers of the plant and other strengths.
+/// Largest number of attempts to draw a case. Each draws other parameters of the plant and other strengths.
 const ATTEMPTS: usize = 60;
 
 /// Number of attempts after which a case is drawn on another kind of plant: on some, an effect is too small at any
 /// strength.
 const ON_ONE_PLANT: usize = 15;
 
-/// The stated limits of a shape allow a gain, or a share of another channel, to be off by this much.
+/// Error of a gain, or share of another channel, that the stated limits of a shape allow.
 const SHAPE: f64 = 0.02;
 
 /// Draws the cases of a trial. The same config and seed give the same bytes.
@@ -112,7 +112,7 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
     for repeated in 0..ATTEMPTS {
         let case_seed: u64 = rng.random();
         let planned = &planned.on(plants[repeated / ON_ONE_PLANT % plants.len()]);
-        // The same plant without an effect gives the gap by noise alone.
+        // The same plant without an effect gives the gap of noise alone.
         let nothing = planned.spec.clone();
         let floor = gap::draw(case_seed, &nothing).map_err(|e| not_drawn(planned, &e))?.label.gap_floor;
         let least = (config.draw.least_over_floor * floor).max(config.draw.least);
@@ -144,7 +144,7 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
                 });
             }
             Ok(_) => {}
-            // Several effects that are sound alone may be too much together.
+            // Several effects, each of which is feasible alone, may be too much together.
             Err(
                 error @ (GapError::Unreachable { .. }
                 | GapError::Unseen { .. }
@@ -159,7 +159,7 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
     Err(TrialError::Draw { what: what(planned), reason: format!("{ATTEMPTS} draws failed: {reason}") })
 }
 
-/// Whether every effect lies beyond what the stated limits allow a simulation to be off.
+/// Returns whether every effect lies beyond the errors that the stated limits of the simulation allow.
 fn clear(label: &Label) -> bool {
     label.effects.iter().all(|effect| {
         effect.clear_of_nuisance
@@ -188,7 +188,7 @@ mod tests {
     use crate::vocabulary::Outsiders;
     use plid_testbed::gap::PlantKind;
 
-    /// A jitter of the delay makes a gap of 3 % on no slider, so it is drawn on the other plant.
+    /// A jitter of the delay cannot make a gap of 3 % on a slider, so it is drawn on the other plant.
     #[test]
     fn a_case_that_its_plant_does_not_allow_is_drawn_on_another() {
         let outsiders = Outsiders::All.kinds();

@@ -7,7 +7,7 @@ use plid_model::ModelError;
 
 use crate::program::Program;
 
-/// A trial that cannot go on.
+/// A trial that cannot continue.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum TrialError {
     /// TRIAL.toml cannot be used.
@@ -19,7 +19,7 @@ pub enum TrialError {
     Draw {
         /// The effects that were asked for.
         what: String,
-        /// Why.
+        /// The reason.
         reason: String,
     },
     /// A held-out record cannot be read.
@@ -34,7 +34,7 @@ pub enum TrialError {
     File {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
     /// A result is not a finite number.
@@ -77,11 +77,11 @@ pub enum TrialError {
     OtherProgram {
         /// The answer or shard.
         what: String,
-        /// Where it comes from.
+        /// The program from which it comes.
         theirs: Box<Program>,
-        /// The source with which it would be mixed.
+        /// The program of the other answers or shards.
         ours: Box<Program>,
-        /// Whether that is the running program.
+        /// Whether `ours` is the running program.
         running: bool,
     },
     /// An answer is not the one that was given.
@@ -117,7 +117,7 @@ pub enum TrialError {
 }
 
 impl TrialError {
-    /// For `map_err`: the file that could not be read or written.
+    /// Returns a function for `map_err` that adds the file that could not be read or written.
     pub(crate) fn file(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         move |source| Self::File { path: path.into(), source }
     }

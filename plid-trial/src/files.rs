@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 
 use crate::error::TrialError;
 
-/// The bytes of a JSON file; `path` is its name in errors.
+/// Returns the bytes of a JSON file; `path` is its name in errors.
 pub(crate) fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, TrialError> {
     let text = to_json(value).map_err(|source| TrialError::NotFinite { path: path.into(), source })?;
     Ok(text.into_bytes())

@@ -14,7 +14,7 @@ pub const CONFIDENT: f64 = 0.9;
 pub const LIKELY: f64 = 0.5;
 /// Smallest probability of something else at which an answer keeps a cause outside the vocabulary open.
 pub const OPEN: f64 = 0.2;
-/// Probability of the set of explanations.
+/// Probability that the set of explanations must reach.
 pub const COVER: f64 = 0.95;
 
 /// An answer: the keys of diagnosis.json that a score reads. Baselines answer in the same form.
@@ -91,7 +91,7 @@ impl Claim {
         Self { verdict: "missing".to_owned(), ..Self::default() }
     }
 
-    /// Returns the effects of the answer; the list is empty unless that is the verdict.
+    /// Returns the effects of the answer; the list is empty unless the verdict is "effects".
     pub fn said(&self) -> &[Named] {
         if self.verdict == "effects" { &self.effects } else { &[] }
     }
@@ -153,7 +153,7 @@ pub struct Judged {
     pub unknown: bool,
     /// Whether the first effect is named with confidence.
     pub confident: bool,
-    /// Whether it is named with confidence and is wrong.
+    /// Whether the first effect is named with confidence and is wrong.
     pub wrong: bool,
     /// Whether the first effect named is right and stated to differ in shape.
     pub shape_differs: bool,
@@ -166,7 +166,7 @@ pub struct Judged {
     /// One minus the ratio of the gap with the answer to the gap as given, both beyond the floor; zero without a
     /// prediction.
     pub shrink: f64,
-    /// Whether there was a gap to shrink.
+    /// Whether the gap as given clearly exceeds the floor, so that it can shrink.
     pub shrinkable: bool,
     /// Difference between the stated and the realised gap, relative to the gap as given.
     pub missed_by: Option<f64>,
@@ -186,8 +186,8 @@ pub struct Judged {
     pub statements: Vec<(f64, bool)>,
 }
 
-/// Whether a list of effects is the truth: each at its place and nothing else, imperfections aside. If the truth has
-/// only imperfections, some of them are the truth, too.
+/// Returns whether a list of effects is the truth: each at its place and nothing else, imperfections aside. If the
+/// truth has only imperfections, some of them are the truth as well.
 fn same(truth: &Truth, effects: &[Named]) -> bool {
     let there =
         |e: &crate::truth::TrueEffect| effects.iter().any(|said| said.effect == e.effect && e.is_at(&said.location));
@@ -204,7 +204,7 @@ fn joined<'a>(names: impl Iterator<Item = &'a str>) -> String {
     names.join("+")
 }
 
-/// Returns the names that are right.
+/// Returns the names of the effects that act, or "none".
 pub fn wanted(truth: &Truth) -> String {
     let names: std::collections::BTreeSet<&str> = truth.at_work().map(|e| e.effect.as_str()).collect();
     if names.is_empty() { "none".to_owned() } else { joined(names.into_iter()) }
@@ -338,7 +338,8 @@ mod tests {
         truth(json!([effect("clearance", 1)]))
     }
 
-    /// One effect, named first correctly and together with a wrong one; the truth is second among the candidates.
+    /// One effect is named correctly and first, but together with a wrong one. The truth is second among the
+    /// candidates.
     #[test]
     fn a_single_effect_by_the_rules() {
         let (right, wrong) = (named("clearance", "input:u2", 0.93), named("sensor-gain", "output:y1", 0.6));
@@ -357,7 +358,7 @@ mod tests {
         // The first name and its place count; it is exact only if nothing else is named.
         assert!(found.family && found.located && !found.exact && found.spurious && !found.right);
         assert!(found.confident && !found.wrong && !found.open && !found.unknown);
-        // 0.5 + 0.36 is below 0.95, so that something else is the third of the set.
+        // 0.5 + 0.36 is below 0.95, so "something else" is the third explanation of the set.
         assert_eq!((found.in_set, found.set_size), (true, 3));
         assert_eq!(found.top, Some((0.5, false)));
         assert_eq!(found.said, "clearance+sensor-gain");
@@ -376,7 +377,7 @@ mod tests {
             });
             judge(&clearance(), &[], &claim(said), None)
         };
-        // The right name at a wrong place is exact, is not located, and is not confidently wrong.
+        // The right name at a wrong place is exact, but not located, and it is not confidently wrong.
         let elsewhere = at("clearance", "input:u1", 0.95);
         assert!(elsewhere.exact && !elsewhere.located && !elsewhere.wrong && elsewhere.right);
         assert_eq!((elsewhere.in_set, elsewhere.set_size, elsewhere.top), (false, 1, Some((0.95, false))));
@@ -384,7 +385,7 @@ mod tests {
         assert!(!kin.exact && kin.family && kin.wrong && kin.spurious);
         let unsure = at("sensor-gain", "output:y2", 0.89);
         assert!(!unsure.family && !unsure.wrong && !unsure.confident);
-        // Nothing was predicted: nothing shrinks.
+        // Nothing was predicted, so nothing shrinks.
         assert_eq!((unsure.shrink, unsure.missed_by), (0.0, None));
     }
 
@@ -397,7 +398,7 @@ mod tests {
             "candidates": [{ "effects": [], "probability": 0.97 }, { "effects": [], "unknown": true,
                 "probability": 0.03 }],
         }));
-        // Effects count only where they are the verdict.
+        // Effects count only if the verdict is "effects".
         let found = judge(&nothing, &[], &none, Some(0.02));
         assert!(!found.named && found.right && !found.confident);
         assert_eq!(found.top, Some((0.97, true)));
@@ -438,7 +439,7 @@ mod tests {
         let unknown = with("unknown", 0.7, 0.3);
         assert!(unknown.open && !unknown.named);
         assert_eq!((unknown.top, with("effects", 0.2, 0.8).top), (Some((0.7, true)), Some((0.8, false))));
-        // The name that was taken away would be wrong as well.
+        // The name that was removed from the vocabulary would be wrong as well.
         let said = json!({ "verdict": "effects", "effects": [named("clearance", "input:u2", 0.95)] });
         assert!(judge(&clearance(), &left_out, &claim(said), None).wrong);
     }

@@ -1,5 +1,5 @@
-//! Scores on imperfect truths: whether the main cause is found, whether small imperfections are called a main cause,
-//! and whether the statements about the gap hold.
+//! Scores on imperfect truths: whether the main cause is found, whether small imperfections are mistaken for a main
+//! cause, and whether the statements about the gap hold.
 
 use std::collections::BTreeSet;
 
@@ -29,7 +29,7 @@ pub struct MainCause {
     pub located: Rate,
     /// If the main cause is of the vocabulary: the verdict is unknown.
     pub called_unknown: Rate,
-    /// If the main cause is outside the vocabulary: the answer keeps another cause open.
+    /// If the main cause is outside the vocabulary: the answer keeps a cause outside the vocabulary open.
     pub kept_open: Rate,
     /// If there are only imperfections: an effect that does not act is named with a probability of 0.5 or more.
     pub likely_wrong: Rate,
@@ -82,8 +82,8 @@ impl MainCause {
     }
 }
 
-/// All cases with imperfect truths, then groups of them by family, arm and nuisance; empty if there is none. Second
-/// answers are not counted.
+/// Returns the figures of all cases with imperfect truths, followed by those of groups by family, arm and nuisance;
+/// empty if there are no such cases. Second answers are not counted.
 pub(crate) fn groups(lines: &[Line]) -> Vec<MainCause> {
     let imperfect: Vec<&Line> =
         lines.iter().filter(|line| line.gap_background.is_some() && line.without.is_empty()).collect();

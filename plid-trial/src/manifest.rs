@@ -13,7 +13,7 @@ use crate::plan::Arm;
 use crate::program::Program;
 use crate::seal::salt;
 
-/// The content of T/trial.json, which is written last: everything that the cases reveal about the truth.
+/// The content of T/trial.json, which is written last. It contains everything that the cases reveal about the truth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Manifest {
@@ -38,7 +38,7 @@ pub(crate) struct OpenCase {
     pub sealed: BTreeMap<String, String>,
 }
 
-/// S/seal.json, written last.
+/// The content of S/seal.json, which is written after the cases and before T/trial.json.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Seal {
@@ -53,13 +53,13 @@ pub(crate) struct Seal {
     /// Number of draws that were repeated, because no strength gave the required gap or a nuisance could have caused
     /// it.
     pub repeated: usize,
-    /// The program that drew it.
+    /// The program that drew the trial.
     pub program: Program,
-    /// The request.
+    /// The config of the trial.
     pub config: TrialConfig,
 }
 
-/// S/cases/CASE/drawn.json.
+/// The content of S/cases/CASE/drawn.json.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DrawnCase {
@@ -89,7 +89,7 @@ impl Manifest {
         if read.format != FORMAT {
             return Err(wrong(format!("format: `{}` is not `{FORMAT}`", read.format)));
         }
-        // A name is joined to paths: it must be a plain one.
+        // A name is joined to paths, so it must be a plain one.
         let plain = |name: &str| !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-');
         if let Some(bad) = read.cases.iter().find(|case| !plain(&case.case)) {
             return Err(wrong(format!("case: `{}` is not the name of a case", bad.case)));
@@ -99,26 +99,26 @@ impl Manifest {
 }
 
 impl OpenCase {
-    /// The case's folder.
+    /// Returns the case's folder.
     pub(crate) fn folder(&self, trial: &Path) -> PathBuf {
         trial.join("cases").join(&self.case)
     }
 
-    /// SHA-256 of the files of a folder, by name.
+    /// Returns the SHA-256 of the files of a folder, by name.
     pub(crate) fn hashes(folder: &Path) -> Result<BTreeMap<String, String>, TrialError> {
         let entries = std::fs::read_dir(folder).map_err(TrialError::file(folder))?;
         entries
             .map(|entry| {
                 let path = entry.map_err(TrialError::file(folder))?.path();
                 let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                // Something that is not a file was not drawn.
+                // An entry that is not a file was not drawn, so it gets an empty hash.
                 let hash = if path.is_file() { sha256(&files::read(&path)?) } else { String::new() };
                 Ok((name, hash))
             })
             .collect()
     }
 
-    /// Whether the case's folder has the files that were drawn and no others.
+    /// Checks that the case's folder has the files that were drawn and no others.
     pub(crate) fn check(&self, trial: &Path) -> Result<(), TrialError> {
         let folder = self.folder(trial);
         let found = Self::hashes(&folder)?;

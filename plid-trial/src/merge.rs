@@ -57,7 +57,7 @@ pub fn merge(trial: &Path, folders: &[PathBuf]) -> Result<usize, TrialError> {
     Ok(of)
 }
 
-/// Copies the answers of all shards that are not there yet; those that are there must be the same.
+/// Copies the answers of all shards that are not merged yet. Existing answers must be the same.
 fn copy_all(answers: &Path, shards: &[(PathBuf, Vec<String>)]) -> Result<(), TrialError> {
     let merged = Folders::new(answers).map_err(TrialError::file(answers))?;
     for (folder, cases) in shards {
@@ -78,7 +78,7 @@ fn copy_all(answers: &Path, shards: &[(PathBuf, Vec<String>)]) -> Result<(), Tri
     Ok(())
 }
 
-/// Copies a folder of plain files, whole.
+/// Copies a whole folder of plain files.
 fn copy(from: &Path, merged: &Folders, case: &str) -> Result<(), TrialError> {
     let mut content = Vec::new();
     for entry in fs::read_dir(from).map_err(TrialError::file(from))? {

@@ -1,5 +1,5 @@
-//! Which cases a trial has, before any of them is simulated: arms, effects with places and laws, nuisances, in a random
-//! order.
+//! The plan of a trial's cases before any of them is simulated: arms, effects with places and laws, and nuisances, in
+//! a random order.
 
 use rand::RngExt;
 use rand::SeedableRng;
@@ -13,7 +13,7 @@ use crate::config::{Draw, TrialConfig};
 use crate::seal::derived;
 use crate::vocabulary::{Kind, Outsiders, find};
 
-/// Channels of the testbed's plants.
+/// Numbers of channels of the testbed's plants.
 const INPUTS: usize = plid_testbed::INPUTS;
 const OUTPUTS: usize = plid_testbed::OUTPUTS;
 
@@ -54,7 +54,7 @@ pub(crate) struct Planned {
 }
 
 impl Planned {
-    /// Returns the kinds of plants on which its effects make sense, the planned one first.
+    /// Returns the kinds of plants on which the effects make sense, the planned one first.
     pub(crate) fn plants(&self, draw: &Draw) -> Vec<PlantKind> {
         let planned = self.spec.plant;
         let kinds: Vec<Kind> = self.effects.iter().map(|wanted| wanted.kind).collect();
@@ -98,8 +98,8 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
             (arm, together(&drawn, size, &config.draw.plants))
         }));
     }
-    // Their order is random even where none is drawn: a trial without outsiders is what it was when half of them
-    // existed.
+    // The order of outsiders is drawn even if no outsider is: a trial without outsiders then remains the same as when
+    // only half of them existed.
     let half = if cases.outsiders == 0 { Outsiders::Development } else { config.draw.outsiders };
     let outsiders: Vec<Kind> = half.kinds().into_iter().filter(|kind| config.is_taken(kind.name)).collect();
     for (arm, count, from) in
@@ -123,7 +123,8 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
             let without = if arm == Arm::LeaveOneOut { vec![kinds[0].name.to_owned()] } else { Vec::new() };
             let wanted = |kind| {
                 let wanted = turns.next(kind, config.draw.near_misses, &mut rng);
-                // Where not all channels are, or another plant's modes, the testbed draws the place.
+                // If not all channels are present, or the modes are those of another plant, the testbed draws the
+                // place.
                 let whole = spec.channels == Channels::default() && spec.plant == PlantKind::default();
                 Wanted { at: wanted.at.filter(|_| whole), ..wanted }
             };
@@ -136,13 +137,13 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
     planned
 }
 
-/// Whether an effect needs more than one channel.
+/// Returns whether an effect needs more than one channel.
 fn joins_channels(kind: Kind) -> bool {
     kind.least_inputs > 1 || kind.least_outputs > 1
 }
 
-/// Returns the first of the kinds that make sense together on one plant, up to this total. On plants of which each
-/// takes every kind, they are the first ones.
+/// Returns the first of the kinds that make sense together on one plant, up to `size` of them. If every plant takes
+/// every kind, these are simply the first kinds.
 fn together(kinds: &[Kind], size: usize, plants: &[PlantKind]) -> Vec<Kind> {
     let count = |plant: &PlantKind| kinds.iter().filter(|kind| plant.takes(kind.name)).count();
     let mut plants: Vec<PlantKind> = plants.iter().copied().filter(|plant| count(plant) >= size).collect();
@@ -173,7 +174,7 @@ fn specs(draw: &Draw, arms: &[(Arm, Vec<Kind>)], rng: &mut ChaCha12Rng) -> Vec<G
             GapSpec {
                 effects: Vec::new(),
                 perturbed: perturbed[k],
-                // Outputs do not say where forces may act, and declare no noise.
+                // Outputs alone do not reveal where forces may act, and declare no noise.
                 ports: ports[k] && !outputs_only[k],
                 noise_misjudged: if outputs_only[k] { 1.0 } else { 1.5_f64.powf(off) },
                 plant,
@@ -195,7 +196,7 @@ fn taking(plants: &[PlantKind], kinds: &[Kind]) -> impl Iterator<Item = PlantKin
     plants.iter().copied().filter(|plant| kinds.iter().all(|kind| plant.takes(kind.name)))
 }
 
-/// Returns these numbers of channels, or those of the plant where it has fewer.
+/// Returns these numbers of channels, or those of the plant if it has fewer.
 fn at_most(channels: Channels, plant: PlantKind) -> Channels {
     let most = plant.channels();
     Channels { inputs: channels.inputs.min(most.inputs), outputs: channels.outputs.min(most.outputs) }
@@ -206,8 +207,8 @@ fn one_of<T: Copy>(from: &[T], rng: &mut ChaCha12Rng) -> T {
     if let [only] = from { *only } else { from[rng.random_range(0..from.len())] }
 }
 
-/// Singles whose second answer is without an effect that is not at work: otherwise the list of what is left out would
-/// name causes.
+/// Gives `count` single effects a second answer without an effect that does not act; otherwise the list of effects to
+/// leave out would reveal the causes.
 fn add_decoys(planned: &mut [Planned], kinds: &[Kind], count: usize, rng: &mut ChaCha12Rng) {
     let mut singles: Vec<&mut Planned> = planned.iter_mut().filter(|case| case.arm == Arm::Single).collect();
     singles.shuffle(rng);
@@ -219,14 +220,14 @@ fn add_decoys(planned: &mut [Planned], kinds: &[Kind], count: usize, rng: &mut C
     }
 }
 
-/// Returns `count` kinds in a random order; their numbers differ by at most one.
+/// Returns `count` kinds in a random order. Each kind occurs equally often, to within one.
 fn in_turn(from: &[Kind], count: usize, rng: &mut ChaCha12Rng) -> Vec<Kind> {
     let mut order = from.to_vec();
     order.shuffle(rng);
     order.into_iter().cycle().take(count).collect()
 }
 
-/// Returns `count` flags in a random order, of which a share, to the nearest whole number, is true.
+/// Returns `count` flags in a random order, a share of which, to the nearest whole number, is true.
 fn shares(share: f64, count: usize, rng: &mut ChaCha12Rng) -> Vec<bool> {
     let most = (share * count as f64).round() as usize;
     let mut chosen: Vec<bool> = (0..count).map(|i| i < most).collect();
@@ -309,7 +310,7 @@ mod tests {
         assert_eq!(perturbed, (0.5 * planned.len() as f64).round() as usize);
     }
 
-    /// A trial of one half draws nothing of the other, and nothing where none is asked for depends on the half.
+    /// A trial of one half draws no outsiders of the other, and a trial without outsiders does not depend on the half.
     #[test]
     fn outsiders_are_drawn_from_the_half_that_is_named() {
         let of = |outsiders: Outsiders, count: usize| {
@@ -351,14 +352,14 @@ mod tests {
         };
         let places: BTreeSet<_> = singles("clearance").iter().map(|c| c.effects[0].at.clone()).collect();
         assert_eq!(places.len(), 3);
-        // Of any run of draws one half, up to one.
+        // Near misses are one half of the draws, to within one.
         let near = singles("clearance").iter().filter(|c| c.effects[0].law.is_some()).count();
         assert_eq!(near, 2);
         assert!(singles("sensor-gain").iter().all(|c| c.effects[0].law.is_none()));
     }
 
-    /// Effects are drawn on plants that take them, several at once on one that takes all of them, and a plant that has
-    /// fewer channels than others has all its own.
+    /// Effects are drawn on plants that take them, several effects on a plant that takes all of them. A plant that
+    /// has fewer channels than others keeps all of its own.
     #[test]
     fn every_case_has_a_plant_on_which_its_effects_make_sense() {
         let plants = PlantKind::ALL.to_vec();

@@ -1,4 +1,4 @@
-//! Which program drew, diagnosed or scored a trial.
+//! The program that drew, diagnosed or scored a trial.
 
 use std::fmt;
 use std::path::Path;
@@ -11,21 +11,21 @@ use serde::{Deserialize, Serialize};
 use crate::error::TrialError;
 use crate::files;
 
-/// A build of the program. Two builds of one commit differ where their executables do.
+/// A build of the program. Two builds of one commit differ if their executables do.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Program {
     /// The version of the package.
     pub version: String,
-    /// The commit of the repository that it was built in; `None` outside a repository.
+    /// The commit of the repository in which it was built; `None` outside a repository.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commit: Option<String>,
     /// Whether the files under version control differed from that commit.
     pub dirty: bool,
     /// SHA-256 of the executable.
     pub executable_sha256: String,
-    /// SHA-256 of the settings of the diagnosis where a case does not change them, as JSON; empty in files of former
-    /// versions. Each answer contains its settings as a whole.
+    /// SHA-256 of the settings of the diagnosis if a case does not change them, as JSON; empty in files of earlier
+    /// versions. Each answer contains all of its settings.
     #[serde(default)]
     pub settings_sha256: String,
 }

@@ -1,4 +1,4 @@
-//! Compares answers with the truth: the answers are recorded first, then the seals are checked, and only then is
+//! Compares answers with the truth. The answers are recorded first, then the seals are checked, and only then is
 //! anything opened.
 
 use plid_file::sha256;
@@ -29,7 +29,7 @@ use crate::scores::{Given, Line, Scores};
 use crate::seal::salted;
 use crate::truth::{TrueEffect, Truth};
 
-/// S/answers.json: the answers as they were before anything was opened.
+/// The content of S/answers.json: the answers as they were before anything was opened.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Fixed {
@@ -41,23 +41,22 @@ pub(crate) struct Fixed {
 
 pub(crate) const FIXED: &str = "answers.json";
 
-/// Which cases are scored.
+/// The cases that are scored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
     /// All cases that were drawn.
     Whole,
-    /// Those that have an answer. The order of the cases is random, so that these are a sample of all. They are
-    /// fixed as the whole would be: what is answered later is refused.
+    /// Only the cases that have an answer. The order of the cases is random, so these are a random sample. They are
+    /// fixed as the whole would be: later answers are refused.
     Answered,
 }
 
-/// Scores a trial; writes scores.json, report.html and two of its pictures, power.svg and reliability.svg, into
-/// `out`.
+/// Scores a trial, and writes scores.json, report.html and its pictures power.svg and reliability.svg into `out`.
 ///
 /// # Errors
-/// [`TrialError::Unanswered`] where cases have no answer, [`TrialError::Changed`] with the case whose answer has
-/// changed since it was given or since it was first scored, [`TrialError::Broken`] with the sealed file that is not the
-/// one that the trial commits to.
+/// Returns [`TrialError::Unanswered`] if cases have no answer, [`TrialError::Changed`] with the case whose answer has
+/// changed since it was given or since it was first scored, and [`TrialError::Broken`] with a sealed file that is not
+/// the one to which the trial committed.
 pub fn score(
     trial: &Path,
     sealed: &Path,
@@ -163,7 +162,7 @@ pub(crate) fn given(
     }
 }
 
-/// Writes the hashes of the answers into the sealed directory; if they already exist, they must be the same.
+/// Writes the hashes of the answers into the sealed directory. If hashes already exist there, they must be the same.
 pub(crate) fn fix(given: &[(Answered, String)], path: &Path) -> Result<Fixed, TrialError> {
     let cases: BTreeMap<String, String> =
         given.iter().map(|(answered, hash)| (answered.case.clone(), hash.clone())).collect();
@@ -193,7 +192,7 @@ pub(crate) fn unseal(manifest: &Manifest, trial: &Path, sealed: &Path) -> Result
     Ok(seal)
 }
 
-/// Whether the cases and the sealed files agree with the trial's commitments.
+/// Checks that the cases and the sealed files agree with the trial's commitments.
 fn check(manifest: &Manifest, seal: &Seal, trial: &Path, sealed: &Path) -> Result<(), TrialError> {
     for case in &manifest.cases {
         case.check(trial)?;
@@ -236,8 +235,8 @@ impl HeldOut {
     }
 }
 
-/// Returns the question of a case with the whole vocabulary, and without the effects that it leaves out, if one of them
-/// acts.
+/// Returns the scores of a case with the whole vocabulary and, if the effect that acts is left out for a second
+/// answer, without that effect.
 fn lines_of(place: &Place, answered: &Answered) -> Result<Vec<Line>, TrialError> {
     let Place { sealed: folder, case, .. } = *place;
     let path = folder.join("label.json");
@@ -287,7 +286,7 @@ struct Place<'p> {
     library: &'p Library,
 }
 
-/// What the answers to a case are worth.
+/// The judgements of the answers to a case.
 struct Verdicts {
     judged: [Judged; 4],
     /// The parameters that plid's intervals cover.
@@ -321,7 +320,7 @@ fn judged(
     if let Some(predictor) = predictor {
         let held_out = HeldOut::read(place.sealed, &predictor.model)?;
         gaps[0] = held_out.gap(&predictor.run(&held_out.u, predictor.t0));
-        // It has no separate fit.
+        // BIC alone has no separate fit.
         gaps[1] = gaps[0];
         if let Some(fitted) = &baselines.fitted {
             let model = Model::read(&place.trial.join("cases").join(&place.case.case).join("sim.json"))?;
@@ -344,8 +343,8 @@ fn judged(
     Ok(Verdicts { judged, covered, gap_black_box })
 }
 
-/// Returns the parameters of a single effect with the vocabulary's own equation, if it is named correctly with its
-/// place and has the units of the label.
+/// Returns whether the stated intervals cover the parameters of a single effect with the vocabulary's own equation.
+/// Empty unless the effect is named correctly at its place and has the units of the label.
 fn coverage(
     truth: &Truth,
     without: &[String],
@@ -357,7 +356,7 @@ fn coverage(
         return BTreeMap::new();
     };
     let Some(known) = library.get(&effect.effect) else { return BTreeMap::new() };
-    // Without declared ports a force and a motion have units of the diagnosis's own.
+    // Without declared ports, forces and motions have units that the diagnosis chooses.
     let is_force = effect.effect != "missing-mode"
         && matches!(known.side(), plid_gap::effects::Side::Structure | plid_gap::effects::Side::Disturbance)
         && !effect.effect.starts_with("modal");
@@ -377,7 +376,7 @@ fn covers(effect: &TrueEffect, said: &Named, parameters: &[plid_gap::effects::Pa
         // A parameter without an interval is not covered.
         let inside = |value: f64| matches!(ends, Some([Some(low), Some(high)]) if (low..=high).contains(&value));
         let hit = match parameter.range {
-            // An amplitude with the other sign and half a turn more is the same signal.
+            // An amplitude with the opposite sign and a phase larger by half a turn give the same signal.
             Range::Angle => continue,
             Range::Signed if turns => inside(*value) || inside(-*value),
             _ => inside(*value),
@@ -397,11 +396,11 @@ mod tests {
     #[test]
     fn the_gap_scales_each_output_to_unit_rms() {
         let held_out = HeldOut { u: vec![], y: vec![vec![3.0, -3.0], vec![100.0, 100.0]] };
-        // A tenth of the one and two tenths of the other: sqrt((0.01 + 0.04) / 2).
+        // The error is a tenth of the one output and two tenths of the other: sqrt((0.01 + 0.04) / 2).
         let gap = held_out.gap(&vec![vec![3.3, -2.7], vec![80.0, 120.0]]).unwrap();
         assert!((gap - 0.025f64.sqrt()).abs() < 1e-12);
         assert_eq!(held_out.gap(&held_out.y.clone()), Some(0.0));
-        // Too short, too few, no number.
+        // Too few samples, too few outputs, not a number.
         assert_eq!(held_out.gap(&vec![vec![3.0], vec![1.0]]), None);
         assert_eq!(held_out.gap(&vec![vec![3.0, 3.0]]), None);
         assert_eq!(held_out.gap(&vec![vec![f64::NAN, 3.0], vec![1.0, 1.0]]), None);
@@ -433,8 +432,8 @@ mod tests {
             vec![parameter("a", Range::Signed), parameter("f", Range::Hz), last, parameter("a3", Range::Signed)]
         };
         let truth = effect(&[0.03, 50.0, 1.0]);
-        // The other sign is the same signal half a turn on; an angle has no interval on a line; the label has no third
-        // harmonic.
+        // The opposite sign is the same signal half a turn later. An angle has no interval on a line. The label has
+        // no third harmonic.
         let found = covers(&truth, &said, &with(true));
         assert_eq!(found, BTreeMap::from([("a".to_owned(), true), ("f".to_owned(), false)]));
         let found = covers(&truth, &said, &with(false));

@@ -1,4 +1,4 @@
-//! All cases together: shares with intervals, by question, effect, family, strength and nuisance.
+//! The scores of all cases together: shares with intervals, by question, effect, family, strength and nuisance.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -57,7 +57,7 @@ pub struct Line {
 pub struct Totals {
     /// Number of cases.
     pub cases: usize,
-    /// Among the cases with nothing missing: an effect was named.
+    /// Among the cases with nothing missing: an effect was named that does not act.
     pub false_alarms: Rate,
     /// Among the cases with one effect: it alone was named.
     pub exact: Rate,
@@ -79,7 +79,7 @@ pub struct Totals {
     pub wrong_of_confident: Rate,
     /// Among the cases with effects of the vocabulary: the verdict is unknown.
     pub called_unknown: Rate,
-    /// Among the cases with an effect outside the vocabulary: the answer keeps another cause open.
+    /// Among the cases with an effect outside the vocabulary: the answer keeps a cause outside the vocabulary open.
     pub kept_open: Rate,
     /// The median reduction of the gap, over the cases whose effects are correctly named and whose gap exceeds the
     /// noise.
@@ -100,7 +100,7 @@ pub struct Totals {
     pub calibration: Calibration,
 }
 
-/// Cases that have something in common.
+/// Cases that share a property.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Group {
     /// The property by which cases are grouped.
@@ -330,7 +330,8 @@ impl Groups<'_> {
     }
 
     fn by_equation(&mut self) {
-        // What the targets are for: all three channels, an experiment, a simulation as a model.
+        // The targets apply to cases with all three inputs and outputs, an active experiment, and a simulation given
+        // as a model.
         let is = |line: &Line, key: &str, value: &str| line.nuisances.get(key).is_none_or(|said| said == value);
         let full = |line: &Line| {
             is(line, "experiment", "active")
@@ -394,7 +395,7 @@ impl Groups<'_> {
     }
 }
 
-/// The parts of the scores other than the cases.
+/// The data of the scores other than the cases.
 pub(crate) struct Given {
     pub name: String,
     pub seed: u64,
@@ -439,7 +440,7 @@ impl Scores {
         }
     }
 
-    /// Cases that are scored: a second answer is not a separate case.
+    /// Returns the number of scored cases. A second answer is not a separate case.
     pub fn scored(&self) -> usize {
         self.cases.iter().filter(|line| line.without.is_empty()).count()
     }
@@ -452,7 +453,7 @@ impl Scores {
         }
     }
 
-    /// Returns, in words, how many diagnoses failed and why; `None` if none failed.
+    /// Returns a sentence about the failed diagnoses, with the reasons; `None` if none failed.
     pub fn failures(&self) -> Option<String> {
         let mut cases_of: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
         for line in &self.cases {
@@ -479,7 +480,7 @@ impl Scores {
         totals(&self.groups, by, is, answerer)
     }
 
-    /// All that is asked of by one name.
+    /// Returns the groups by one property.
     pub fn by(&self, by: &str) -> impl Iterator<Item = &Group> {
         self.groups.iter().filter(move |group| group.by == by)
     }
@@ -493,7 +494,8 @@ pub(crate) fn totals<'a>(groups: &'a [Group], by: &str, is: &str, answerer: usiz
 mod tests {
     use super::*;
 
-    /// A single effect with a gap, named rightly or not at all.
+    /// Returns the line of a single effect with a gap that is named correctly or not at all, or of a case with
+    /// nothing missing.
     fn line(case: &str, truth: &str, gap: f64, own: bool, named: bool) -> Line {
         let asked = if truth == "none" { Asked::None } else { Asked::Single };
         let judged = Judged {
@@ -558,31 +560,32 @@ mod tests {
         assert_eq!(count(GAP, &gap_bin(2), |t| t.exact), Some((2, 2)));
         assert_eq!(count(GAP_OWN, &gap_bin(2), |t| t.exact), Some((1, 1)));
         assert_eq!(count(&format!("{GAP_OF}clearance"), &gap_bin(1), |t| t.exact), Some((0, 1)));
-        // The third one is below 2 %.
+        // The third case is below 2 %.
         assert_eq!(count(EQUATION, OWN, |t| t.exact), Some((1, 2)));
         assert_eq!(count(EQUATION, NEAR, |t| t.shape_differs), Some((1, 1)));
         assert_eq!(count(EFFECT, "clearance", |t| t.exact), Some((2, 3)));
         assert_eq!(count(FAMILY, "structure-nonlinear", |t| t.exact), Some((2, 2)));
-        // One near miss, and with ports the two strong single effects; cases with nothing missing tell of false alarms.
+        // There is one near miss. With ports there are two strong single effects, and two cases with nothing missing
+        // that count for false alarms.
         assert_eq!(count("nuisance: ports", "no", |t| t.exact), Some((1, 1)));
         assert_eq!(count("nuisance: ports", "yes", |t| t.exact), Some((1, 2)));
         assert_eq!(count("nuisance: ports", "yes", |t| t.false_alarms), Some((1, 2)));
-        // Shrink of those that are rightly named; intervals are plid's alone.
+        // The shrink is that of correctly named effects. Only plid states intervals.
         let all = scores.totals(ALL, ALL, 0).unwrap();
         assert_eq!((all.shrink_median, all.shrink_of), (Some(0.9), 2));
         assert_eq!((all.parameters_covered.hits, all.parameters_covered.of), (3, 6));
         assert_eq!(scores.totals(ALL, ALL, 1).unwrap().parameters_covered.of, 0);
-        // Seven of 34 names are of a port, four of the linear sensors.
+        // Seven of 34 names belong to a port, four to linear sensors.
         assert!((scores.chance.family.unwrap() - (3.0 * 7.0 + 4.0) / 4.0 / 34.0).abs() < 1e-12);
         assert_eq!((scores.time.total_s, scores.time.longest_s), (6.0, Some(4.0)));
-        // The part of a single channel has a weak effect and a false alarm.
+        // The part with one channel has a weak effect and a false alarm.
         let part = &scores.parts["one input, one output"];
         let figure = |what: &str| part.iter().find(|t| t.what.ends_with(what)).map(|t| (t.found, t.of)).unwrap();
         assert_eq!(scores.parts.len(), 1);
         assert_eq!(figure("false alarms on none"), (Some(1.0), 1));
         assert_eq!(figure("own equation: exactly named"), (None, 0));
         assert_eq!(figure("confident and wrong, of all cases"), (Some(0.0), 2));
-        // A target with its bound, and one that no case of this trial asks for.
+        // One target is missed, and another has no case in this trial.
         let target = |what: &str| scores.targets.iter().find(|t| t.what.starts_with(what)).unwrap();
         assert_eq!(target("false alarms").reached, Some(false));
         assert_eq!((target("outsiders").reached, target("outsiders").of), (None, 0));

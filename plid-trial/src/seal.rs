@@ -2,8 +2,8 @@
 
 use plid_file::{digest, hex};
 
-/// Returns SHA-256 of salt, case, name and content. Each part is preceded by its length, so that different parts never
-/// give the same bytes.
+/// Returns the SHA-256 of salt, case, name and content. Each part is preceded by its length, so that different parts
+/// never give the same bytes.
 pub(crate) fn salted(salt: &str, case: &str, file: &str, bytes: &[u8]) -> String {
     hex(of_parts(&[salt.as_bytes(), case.as_bytes(), file.as_bytes(), bytes]))
 }

@@ -51,24 +51,24 @@ fn with_tails(hits: usize, of: usize, tail: f64) -> [f64; 2] {
 }
 
 /// Returns the 95 % interval of the difference between two shares of the same cases, of which `up` were gained and
-/// `down` lost: each of these two shares is within its own 97.5 % interval.
+/// `down` lost. The shares of gains and of losses are each within their own 97.5 % interval.
 pub fn paired(up: usize, down: usize, of: usize) -> [f64; 2] {
     let [[low_up, high_up], [low_down, high_down]] = [up, down].map(|hits| with_tails(hits, of, 0.0125));
     [low_up - high_down, high_up - low_down]
 }
 
-/// The sign test (two-sided): the probability that a fair coin falls at least as one-sidedly.
+/// Returns the p-value of the two-sided sign test: the probability that a fair coin falls at least as one-sidedly.
 pub fn sign_test(up: usize, down: usize) -> f64 {
     let coin = Binomial::new(0.5, (up + down) as u64).expect("one half is a probability");
     (2.0 * coin.cdf(up.min(down) as u64)).min(1.0)
 }
 
-/// The median, or `None` of an empty set.
+/// Returns the median, or `None` for an empty set.
 pub fn median(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| signal::median(values))
 }
 
-/// Returns the lowest decile, or `None` of an empty set.
+/// Returns the lowest decile, or `None` for an empty set.
 pub fn lowest_tenth(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -97,10 +97,10 @@ pub struct Bin {
     pub came_true: Rate,
 }
 
-/// Bins of the reliability diagram.
+/// Number of bins of the reliability diagram.
 const BINS: usize = 10;
 
-/// Computes the calibration of statements, each a probability and whether it was true.
+/// Computes the calibration of statements, each given as its probability and whether it was true.
 pub fn calibration(statements: &[(f64, bool)]) -> Calibration {
     let of = statements.len();
     let mean = |sum: f64| (of > 0).then(|| sum / of as f64);
@@ -118,14 +118,14 @@ pub fn calibration(statements: &[(f64, bool)]) -> Calibration {
     Calibration { of, brier, expected_error, bins }
 }
 
-/// Returns the expected calibration error that chance alone gives as many statements with exactly right probabilities,
-/// with the number of true ones in each bin taken as normal; `None` without statements.
+/// Returns the expected calibration error that chance alone gives for as many statements with exactly right
+/// probabilities. The number of true statements in each bin is taken as normal. `None` without statements.
 pub fn error_by_chance(stated: &[f64]) -> Option<f64> {
     let variances = stated.iter().fold([0.0; BINS], |mut variances, p| {
         variances[((p * BINS as f64) as usize).min(BINS - 1)] += p * (1.0 - p);
         variances
     });
-    // The mean distance of a normal variable from its mean is the root of 2 / pi standard deviations.
+    // The mean distance of a normal variable from its mean is the square root of 2 / pi standard deviations.
     let distances: f64 = variances.iter().map(|variance| (variance * std::f64::consts::FRAC_2_PI).sqrt()).sum();
     (!stated.is_empty()).then(|| distances / stated.len() as f64)
 }
@@ -136,8 +136,8 @@ mod tests {
 
     use super::*;
 
-    /// Ends that have closed forms: 1 - (alpha/2)^(1/n) for none, (alpha/2)^(1/n) for all; and values of the tables of
-    /// Clopper and Pearson (5 of 10: 0.187 to 0.813; 1 of 10: 0.0025 to 0.445; 7 of 20: 0.154 to 0.592).
+    /// Some ends have closed forms: 1 - (alpha/2)^(1/n) for no hits, and (alpha/2)^(1/n) for all hits. Others are in
+    /// the tables of Clopper and Pearson (5 of 10: 0.187 to 0.813; 1 of 10: 0.0025 to 0.445; 7 of 20: 0.154 to 0.592).
     #[test]
     fn intervals_are_those_of_the_tables() {
         for n in [1, 7, 200] {
@@ -151,7 +151,8 @@ mod tests {
         assert_eq!(Rate::new(0, 0).ci95, None);
     }
 
-    /// The defining property: at the upper end so few hits are a 2.5 % event.
+    /// The defining property: at the upper end, as few hits or fewer are a 2.5 % event; at the lower end, as many or
+    /// more are.
     #[test]
     fn ends_leave_a_fortieth_each() {
         let tail = |k: usize, n: usize, p: f64| {
@@ -167,30 +168,31 @@ mod tests {
 
     #[test]
     fn pairs_by_hand() {
-        // Two of 2^5 sequences are all heads or all tails; two and ten of 2^5 have one of the five.
+        // Two of 2^5 sequences are all heads or all tails; another ten have exactly one that differs.
         assert_relative_eq!(sign_test(5, 0), 2.0 / 32.0, epsilon = 1e-12);
         assert_relative_eq!(sign_test(1, 4), 12.0 / 32.0, epsilon = 1e-12);
         assert_eq!((sign_test(0, 0), sign_test(3, 3)), (1.0, 1.0));
-        // 2^2000 overflows. With the continuity correction, 50 more than half of 2000 are 99 / sqrt(2000) deviations.
+        // 2^2000 overflows. With the continuity correction, 50 more than half of 2000 are 99 / sqrt(2000) standard
+        // deviations.
         assert_eq!(sign_test(1000, 1000), 1.0);
         let deviations = 99.0 / 2000f64.sqrt();
         let normal = statrs::function::erf::erfc(deviations / 2f64.sqrt());
         assert_relative_eq!(sign_test(950, 1050), normal, max_relative = 2e-3);
         assert!(sign_test(2000, 0) < 1e-300);
-        // Nothing changed in n cases: either share is below 1 - 0.0125^(1/n).
+        // If nothing changed in n cases, each share is below 1 - 0.0125^(1/n).
         let bound = 1.0 - 0.0125f64.powf(1.0 / 16.0);
         let [low, high] = paired(0, 0, 16);
         assert_relative_eq!(high, bound, epsilon = 1e-9);
         assert_relative_eq!(low, -bound, epsilon = 1e-9);
         let [low, high] = paired(9, 1, 20);
-        // By bisection of the binomial distribution: at 0.20692 nine or more of 20 are a 1.25 % event, at 0.27932 one
-        // or none.
+        // By bisection of the binomial distribution: at 0.20692, nine or more of 20 are a 1.25 % event; at 0.27932,
+        // one or fewer are.
         assert_relative_eq!(low, 0.20692 - 0.27932, epsilon = 1e-4);
         assert!(0.4 < high && high < 0.8, "{high}");
     }
 
-    /// Of n statements with the probability 1/2, the share of true ones has the standard deviation 1 / (2 root n), and
-    /// certain ones have none.
+    /// The share of true statements among n with probability 1/2 has the standard deviation 1 / (2 root n), and that
+    /// among certain statements has none.
     #[test]
     fn chance_alone_makes_an_error() {
         let half = error_by_chance(&[0.5; 100]).unwrap();
@@ -204,7 +206,7 @@ mod tests {
         let found = calibration(&[(0.9, true), (0.94, false), (0.2, false), (1.0, true)]);
         // (0.01 + 0.8836 + 0.04 + 0) / 4
         assert_relative_eq!(found.brier.unwrap(), 0.2334, epsilon = 1e-12);
-        // The last bin holds three: stated 0.94667, true 2/3; the third one: stated 0.2, true 0.
+        // The last bin holds three statements: stated 0.94667, true 2/3. The third bin holds one: stated 0.2, true 0.
         assert_relative_eq!(
             found.expected_error.unwrap(),
             (3.0 * (2.84 / 3.0 - 2.0 / 3.0) + 0.2) / 4.0,

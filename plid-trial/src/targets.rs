@@ -1,4 +1,4 @@
-//! The targets of a trial and the figures reached.
+//! The targets of a trial and the figures that were reached.
 
 use std::collections::BTreeMap;
 
@@ -38,7 +38,7 @@ pub(crate) fn share(what: impl Into<String>, at_least: bool, bound: f64, rate: O
 
 type Reading = fn(&Totals) -> Rate;
 
-/// Figures of single effects with their bounds, for the vocabulary's own equation and for a near miss.
+/// Figures of single effects with their lower bounds, for the vocabulary's own equation and for near misses.
 const SINGLES: [(&str, Reading, [f64; 2]); 4] = [
     ("exactly named", |t| t.exact, [0.85, 0.70]),
     ("right family", |t| t.family, [0.95, 0.90]),
@@ -52,8 +52,8 @@ pub(crate) const WHOLE: &str = "active, 3 x 3";
 /// Largest share of confident wrong names: over all cases, and with reduced records, where the power may be lower.
 const WRONG: f64 = 0.05;
 
-/// The figures of some cases. `of` finds their groups: [`OWN`], [`NEAR`], [`ALL`] or the name of an arm; `singles` and
-/// `rest` precede the name of each figure.
+/// Returns the figures of some cases. `of` finds their groups: [`OWN`], [`NEAR`], [`ALL`] or the name of an arm;
+/// `singles` and `rest` precede the names of the figures.
 fn figures<'a>(singles: &str, rest: &str, of: &dyn Fn(&str) -> Option<&'a Totals>) -> Vec<Target> {
     let mut figures = Vec::new();
     for (k, (is, equation)) in [(OWN, "own equation"), (NEAR, "near miss in shape")].into_iter().enumerate() {
@@ -99,8 +99,8 @@ pub(crate) fn targets(groups: &[Group]) -> Vec<Target> {
     targets
 }
 
-/// The figures of each part of a trial that has cases. Power may be lower there: the bounds are those of the whole
-/// trial, for comparison.
+/// Returns the figures of each part of a trial that has cases. Power may be lower in a part: the bounds are those of
+/// the whole trial, for comparison.
 pub(crate) fn parts(groups: &[Group]) -> BTreeMap<&'static str, Vec<Target>> {
     let of = |part: &str, is: &str| totals(groups, &format!("{PART}{part}"), is, 0);
     let there = PARTS.iter().filter(|(part, _)| of(part, ALL).is_some());

@@ -1,4 +1,4 @@
-//! The truth of a case as given in label.json, and whether a stated location agrees with it.
+//! The truth of a case as given in label.json, and the comparison of stated locations with it.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use plid_testbed::effects::kind;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// label.json.
+/// The content of label.json.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Truth {
     /// The effects, or the single effect `none` if nothing is missing.
@@ -50,17 +50,17 @@ impl Truth {
         self.effects.iter().filter(|effect| effect.effect != "none")
     }
 
-    /// The largest of them.
+    /// Returns the main cause: the effect with the largest gap.
     pub fn main(&self) -> Option<&TrueEffect> {
         self.at_work().max_by(|a, b| a.gap.total_cmp(&b.gap))
     }
 
-    /// Whether an imperfection of this name is at this place.
+    /// Returns whether an imperfection of this name is at this place.
     pub fn has_background(&self, effect: &str, location: &str) -> bool {
         self.background_effects.iter().any(|small| small.effect == effect && small.is_at(location))
     }
 
-    /// The properties of the case apart from its effects, in words: the scores have a table for each.
+    /// Returns the properties of the case apart from its effects, in words. The scores have a table for each of them.
     pub fn nuisances(&self) -> BTreeMap<String, String> {
         let word = |value: &Value| match value {
             Value::Bool(true) => Some("yes".to_owned()),

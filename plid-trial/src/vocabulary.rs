@@ -1,5 +1,5 @@
-//! The testbed's effects as a trial draws them: the vocabulary, and in two halves what is outside it. Effects that a
-//! program has added to the testbed are drawn where a trial names them.
+//! The testbed's effects as a trial draws them: the vocabulary, and two halves of the effects outside it. Effects
+//! that a program has added to the testbed are drawn only if a trial names them.
 
 use plid_testbed::effects::{Family, Half, On, kinds};
 use serde::{Deserialize, Serialize};
@@ -14,21 +14,21 @@ pub fn built_in() -> Vec<Kind> {
     built_in
 }
 
-/// Returns the built-in vocabulary as far as it is drawn on structures.
+/// Returns the part of the built-in vocabulary that is drawn on structures.
 pub fn on_structures() -> Vec<Kind> {
     let mut drawn = built_in();
     drawn.retain(|kind| kind.on.contains(&On::Structure));
     drawn
 }
 
-/// The effects outside the vocabulary from which a trial draws. The two halves have none in common, so a trial of one
-/// half shows whether what was learnt from the other holds for other causes.
+/// The effects outside the vocabulary from which a trial draws. The two halves have no effect in common, so a trial
+/// of one half shows whether lessons from the other hold for other causes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outsiders {
     /// The half with which the diagnosis was developed.
     Development,
-    /// The half that only trials draw whose scores are reported.
+    /// The half that is drawn only by trials whose scores are reported.
     Reported,
     /// Both halves.
     #[default]
@@ -85,7 +85,7 @@ mod tests {
         assert!(development.is_disjoint(&reported));
         assert_eq!((development.len(), reported.len(), Outsiders::All.kinds().len()), (8, 8, 16));
         assert_eq!(&development | &reported, names(Outsiders::All));
-        // What the testbed knows is in the message about what it does not know.
+        // The message about an unknown effect lists all effects that the testbed knows.
         let unknown = serde_json::from_value::<Effect>(serde_json::json!({ "kind": "x-" })).unwrap_err().to_string();
         let known: BTreeSet<&str> =
             unknown.split('`').filter(|name| name.starts_with("x-") && name.len() > 2).collect();
@@ -101,12 +101,12 @@ mod tests {
         drawn.sort_unstable();
         assert_eq!(known, drawn);
         assert!(Outsiders::All.kinds().iter().all(|kind| library.get(kind.name).is_none()));
-        // The order of draws.
+        // Trials draw them in this order.
         assert!(built_in().starts_with(&on_structures()));
         assert_eq!((on_structures().len(), built_in().len()), (33, 41));
     }
 
-    /// The testbed reads kind, place and law before it misses the parameters, which are not given here.
+    /// The testbed reads kind, place and law before it reports the missing parameters, which are not given here.
     #[test]
     fn the_testbed_knows_every_kind_place_and_law() {
         for kind in built_in().iter().chain(&Outsiders::All.kinds()) {

@@ -1,4 +1,4 @@
-//! Triangular factors of covariances that are small or singular.
+//! Triangular factors of small or singular covariances.
 
 use super::axpy;
 use crate::{Scalar, View, ViewMut};
@@ -8,15 +8,15 @@ use crate::{Scalar, View, ViewMut};
 pub struct BadPivot {
     /// Its index in the matrix that was factored, from 0.
     pub index: usize,
-    /// Its value, not above zero or not a number.
+    /// Its value: not positive, or zero within the tolerance, or not finite.
     pub value: f64,
 }
 
-/// Replaces the lower triangle of a positive definite matrix by its Cholesky factor L, A = L L^T.
-/// The strict upper triangle is neither read nor written.
+/// Replaces the lower triangle of a positive definite matrix by its Cholesky factor L, A = L L^T. The strict upper
+/// triangle is neither read nor written.
 ///
 /// # Errors
-/// The first pivot that is not positive.
+/// Returns the first pivot that is not positive and finite.
 pub fn cholesky<S: Scalar>(mut a: ViewMut<'_, S>) -> Result<(), BadPivot> {
     for j in 0..a.rows() {
         for k in 0..j {
@@ -36,7 +36,7 @@ pub fn cholesky<S: Scalar>(mut a: ViewMut<'_, S>) -> Result<(), BadPivot> {
     Ok(())
 }
 
-/// Solves L x = b in place, L the lower triangle of `l`.
+/// Solves L x = b in place, where L is the lower triangle of `l`.
 pub fn solve_lower<S: Scalar>(l: View<'_, S>, x: &mut [S]) {
     for j in 0..l.rows() {
         x[j] /= l.at(j, j);
@@ -45,13 +45,13 @@ pub fn solve_lower<S: Scalar>(l: View<'_, S>, x: &mut [S]) {
     }
 }
 
-/// A = T D T^T of a positive semidefinite matrix, T unit lower triangular, written over the strict lower triangle; D
-/// into `d`. A pivot of at most `zero` times its diagonal entry counts as zero, and so do the entries below it, which
-/// are zero in a semidefinite matrix.
+/// Factorises a positive semidefinite matrix as A = T D T^T. The unit lower triangular T is written over the strict
+/// lower triangle, and D to `d`. A pivot of at most `zero` times its diagonal entry counts as zero, and so do the
+/// entries below it, which are zero in a semidefinite matrix.
 ///
 /// # Errors
-/// A pivot below minus `refuse` times the diagonal entry, or not finite; a pivot that counts as zero with an entry
-/// under it whose square is above `refuse` times the product of the diagonal entries.
+/// Returns a pivot that is not finite or is below minus `refuse` times its diagonal entry, or a pivot that counts as
+/// zero with an entry below it whose square exceeds `refuse` times the product of the diagonal entries.
 pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], zero: f64, refuse: f64) -> Result<(), BadPivot> {
     let (zero, refuse) = (S::from_f64(zero), S::from_f64(refuse));
     for j in 0..a.rows() {
@@ -84,13 +84,14 @@ pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], zero: f64
     Ok(())
 }
 
-/// Cholesky with diagonal pivoting of a positive semidefinite matrix: A = L L^T with L (in the rows' own order, its
-/// columns in the order of the pivots) written into `l`, zero from the returned rank on. `a`, whose lower triangle is
-/// used, is destroyed; `scale` holds n entries. The factor ends when every remaining pivot is at most `zero` times the
-/// diagonal entry of A in its row. Each row is compared with itself, because rows may have different units.
+/// Computes the Cholesky factorisation with diagonal pivoting of a positive semidefinite matrix, A = L L^T. L is
+/// written to `l`, with its rows in their own order and its columns in the order of the pivots; the columns from the
+/// returned rank on are zero. `a`, whose lower triangle is used, is destroyed; `scale` has n entries. The
+/// factorisation ends when every remaining pivot is at most `zero` times the diagonal entry of A in its row. Each row
+/// is compared with itself, because rows may have different units.
 ///
 /// # Errors
-/// A pivot below minus `refuse` times its diagonal entry, or one that is not finite.
+/// Returns a pivot that is below minus `refuse` times its diagonal entry, or one that is not finite.
 pub fn pivoted_cholesky<S: Scalar>(
     mut a: ViewMut<'_, S>,
     mut l: ViewMut<'_, S>,
@@ -144,7 +145,7 @@ pub fn pivoted_cholesky<S: Scalar>(
         for (x, &scale) in column.iter_mut().zip(&*scale) {
             *x *= scale;
         }
-        // Rows already eliminated hold rounding errors of zero; the factor must not take them up again.
+        // The rows already eliminated hold only rounding errors, which must not enter the factor again.
         for i in 0..n {
             if i >= best {
                 *a.at_mut(i, best) = S::zero();

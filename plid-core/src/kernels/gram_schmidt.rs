@@ -1,20 +1,20 @@
-//! Thornton's weighted Gram-Schmidt, by columns of the array: no sum goes across a register.
+//! Thornton's weighted Gram-Schmidt method. The array is processed by columns, so no sum goes across a register.
 
 use super::{Pack, dot};
 use crate::{Scalar, View, ViewMut};
 
-/// Two ranges of columns of an array, given by where each begins; the first one ends at `middle`, the second at the
-/// array's end. Row i has no entries outside of those of `starts[i]`, nor have the rows below it.
+/// The nonzero columns of each row of an array, in two ranges. The first range ends at `middle`, the second at the
+/// end of the array. Row i and the rows below it have no entries outside the ranges that begin at `starts[i]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Support<'a> {
-    /// Where the ranges of each row begin.
+    /// The first columns of the two ranges of each row.
     pub starts: &'a [[usize; 2]],
     /// The end of the first range.
     pub middle: usize,
 }
 
 impl Support<'_> {
-    /// The ranges of row i in an array of this number of columns.
+    /// Returns the ranges of row i in an array with this number of columns.
     #[inline(always)]
     fn ranges(&self, i: usize, columns: usize) -> [std::ops::Range<usize>; 2] {
         let [first, second] = self.starts[i];
@@ -33,7 +33,7 @@ pub fn weighted_gram_schmidt<S: Scalar>(
 ) {
     let (n, rows, columns) = (d.len(), w.rows(), w.columns());
     let smallest = S::from_f64(S::SMALLEST / (S::EPSILON * S::EPSILON));
-    // The last row that is done, the one that is being made, that one weighted, and the one after it.
+    // The last row that is done, the current row, the row after it, and the current row times the weights.
     let (mut done, rest) = work.split_at_mut(columns);
     let (mut row, rest) = rest.split_at_mut(columns);
     let (mut next, rest) = rest.split_at_mut(columns);
@@ -42,12 +42,12 @@ pub fn weighted_gram_schmidt<S: Scalar>(
     for zeros in [&mut *done, &mut *row, &mut *next, &mut *weighted, &mut *factors] {
         zeros.fill(S::zero());
     }
-    // Row j is made orthogonal to the rows below it. As soon as it is, the sweep that takes the row below it out of all
-    // others forms their products with row j too, and picks up row j - 1, whose turn comes then.
+    // Row j is made orthogonal to the rows below it. The sweep that subtracts row j + 1 from the rows above then also
+    // forms their products with row j, and copies row j - 1, which is processed next.
     for j in (0..n).rev() {
         let before = if j + 1 < n { support.starts[j + 1] } else { [support.middle, columns] };
         for (range, before) in support.ranges(j, columns).into_iter().zip(before) {
-            // Where no sweep has been yet.
+            // Columns that no sweep has reached yet.
             for c in range.start..before {
                 row[c] = w.at(j, c);
             }
@@ -58,12 +58,12 @@ pub fn weighted_gram_schmidt<S: Scalar>(
             }
         }
         d[j] = dot(weighted, row);
-        // Products near underflow have few digits: a direction made of them would spoil the rows above.
+        // Products near underflow have few digits, and a direction formed from them would spoil the rows above.
         if d[j] <= smallest {
             d[j] = S::zero();
             weighted.fill(S::zero());
         }
-        // Rows from j on are left as they are.
+        // Rows from j on remain unchanged.
         factors[j..].fill(S::zero());
         let mut at = 0;
         while at < j {
@@ -96,13 +96,15 @@ struct Sweep<'a, S> {
 }
 
 impl<S: Scalar> Sweep<'_, S> {
-    /// Takes `factors` times the row `done` off rows at .. at + W of the array, and puts their products with `weighted`
-    /// in place of the factors. If the next row is among these, `next` becomes what is left of it. Returns W.
+    /// Subtracts `factors` times the row `done` from rows at .. at + W of the array, and replaces the factors by the
+    /// products of these rows with `weighted`. If the next row is one of these, `next` receives what is left of it.
+    /// Returns W.
     #[inline(always)]
     fn take<const W: usize>(&self, mut w: ViewMut<'_, S>, at: usize, factors: &mut [S], next: &mut [S]) -> usize {
         let factor = Pack::<S, W>::load(&factors[at..]);
         let mut products = Pack::<S, W>::zero();
-        // It is among the last rows, and then stays.
+        // The last call of a sweep contains the next row, and overwrites what the earlier calls have written to
+        // `next`.
         let lane = (self.next_row - at).min(W - 1);
         for range in self.ranges.clone() {
             let rows = (&self.done[range.clone()], &self.weighted[range.clone()], &mut next[range.clone()]);
@@ -119,9 +121,9 @@ impl<S: Scalar> Sweep<'_, S> {
     }
 }
 
-/// Q = V diag(d) V^T with V unit upper triangular, from the last row up, by its stored lower triangle: V into `v`, rows
-/// from n on zero. A pivot of at most `zero` times its diagonal entry (or not a number) is given as zero, and its
-/// column of V too.
+/// Computes Q = V diag(d) V^T with V unit upper triangular, from the last row up and from the stored lower triangle
+/// of Q. V is written to `v`, whose rows from n on become zero. A pivot of at most `zero` times its diagonal entry
+/// (or not a number) becomes zero, and so does its column of V.
 #[inline(always)]
 pub fn upper_ldl<S: Scalar>(q: View<'_, S>, mut v: ViewMut<'_, S>, d: &mut [S], zero: S, work: &mut [S]) {
     let (n, rows) = (q.rows(), v.rows());
@@ -157,7 +159,7 @@ pub fn upper_ldl<S: Scalar>(q: View<'_, S>, mut v: ViewMut<'_, S>, d: &mut [S], 
     }
 }
 
-/// Adds the weighted sum of the columns of `v`, rows at .. at + W of it, to `to`. Returns W.
+/// Adds rows at .. at + W of the weighted sum of the columns of `v` to `to`. Returns W.
 #[inline(always)]
 fn add_columns<S: Scalar, const W: usize>(v: View<'_, S>, weights: &[S], at: usize, to: &mut [S]) -> usize {
     let mut sum = Pack::<S, W>::load(&to[at..]);

@@ -1,15 +1,16 @@
-//! A triangular factor by Householder reflections, by columns of the array: no sum goes across a register.
+//! A triangular factor by Householder reflections. The array is processed by columns, so no sum goes across a
+//! register.
 
 use super::{Pack, dot};
 use crate::{Scalar, ViewMut};
 
-/// A row of an array W (n x r) has, when its turn comes, no entries but in the columns `starts[i]` .. `ends[i]` and in
-/// column r - n + i, into which it is reflected.
+/// The nonzero columns of each row of an array W (n x r). When row i is reflected, it has entries only in the columns
+/// `starts[i]` .. `ends[i]` and in column r - n + i, into which it is reflected.
 #[derive(Clone, Copy, Debug)]
 pub struct Tails<'a> {
     /// The first column of each row.
     pub starts: &'a [usize],
-    /// The end of its columns.
+    /// The end of the columns of each row.
     pub ends: &'a [usize],
 }
 
@@ -22,7 +23,7 @@ pub fn triangular_factor<S: Scalar>(
     work: &mut [S],
 ) {
     let (rows, columns) = (w.rows(), w.columns());
-    // The last reflector and the next one; how much of the last one is to be taken off each row.
+    // The last reflector, the next one, and the multiple of the last one that is subtracted from each row.
     let (mut last, rest) = work.split_at_mut(columns);
     let (mut next, factors) = rest.split_at_mut(columns);
     let factors = &mut factors[..rows];
@@ -37,8 +38,8 @@ pub fn triangular_factor<S: Scalar>(
         }
         next[pivot] = last[pivot].mul_add(-factors[j], w.at(j, pivot));
         let norm = dot(next, next).sqrt();
-        // The sign that does not cancel; the diagonal of S is then made positive by flipping its column. A row of zeros
-        // is not reflected.
+        // This sign avoids cancellation. The diagonal of S is then made positive by changing the sign of its column.
+        // A row of zeros is not reflected.
         let head = next[pivot];
         let alpha = if head > S::zero() { -norm } else { norm };
         let scale = -(alpha * (head - alpha));
@@ -58,7 +59,7 @@ pub fn triangular_factor<S: Scalar>(
                 _ => subtract_and_multiply::<S, 1>(w, columns, last, next, at, factors),
             };
         }
-        // Column `pivot` is used no more: after its own reflection it is column j of S.
+        // Column `pivot` is not used again: after its own reflection it is column j of S.
         let sign = if alpha < S::zero() { -S::one() } else { S::one() };
         let column = s.column_mut(j);
         column.fill(S::zero());
@@ -72,8 +73,8 @@ pub fn triangular_factor<S: Scalar>(
     }
 }
 
-/// Takes `factors` times the row `last` off rows at .. at + W of the array, and puts their products with `next` in
-/// place of the factors. Returns W.
+/// Subtracts `factors` times the row `last` from rows at .. at + W of the array, and replaces the factors by the
+/// products of these rows with `next`. Returns W.
 #[inline(always)]
 fn subtract_and_multiply<S: Scalar, const W: usize>(
     mut w: ViewMut<'_, S>,

@@ -1,21 +1,22 @@
-//! Scalar measurement updates of a triangular factor, all of them in one sweep over it.
+//! Scalar measurement updates of a triangular factor, all of them in one sweep over the factor.
 //!
-//! Each of the p updates goes over the columns of U from the first to the last, and changes column j by two numbers
-//! that follow from f_j, the entry of h U in this column as the updates before have left it. That row h U is
-//! transformed as any other row of U. So the p rows of H U are taken through all updates first (O(N p^2)), which gives
-//! the numbers of all columns; then all other rows are independent of each other, and a group of rows is taken through
+//! Each of the p updates processes the columns of U from the first to the last, and changes column j by two numbers.
+//! These follow from f_j, the entry of h U in this column after the previous updates. The row h U is transformed like
+//! any other row of U. Therefore the p rows of H U are first taken through all updates (O(N p^2)), which gives the
+//! numbers of all columns. All other rows are then independent of each other, and a group of rows is taken through
 //! the columns once, with its p gains in registers.
 
 use super::Pack;
 use crate::{Scalar, View, ViewMut};
 
-/// A scalar measurement update as it goes through a column.
+/// The effect of a scalar measurement update on one column.
 pub trait ColumnPass<S: Scalar> {
-    /// The two numbers by which a column with the entry f of h U is to be changed. `spread` is the innovation's
-    /// variance or its root, of the columns so far, from that of the noise on; `d` is the column's weight.
+    /// Returns the two numbers by which a column with the entry f of h U is changed. `spread` is the innovation's
+    /// variance or its root, accumulated over the columns so far from that of the noise; `d` is the column's weight.
+    /// Both are updated.
     fn enter(f: S, spread: &mut S, d: &mut S) -> [S; 2];
 
-    /// Changes rows of the column, and of the gain times the spread, which is gathered from zero on.
+    /// Changes rows of the column, and the same rows of the gain times the spread, which is accumulated from zero.
     fn apply<const W: usize>(by: [S; 2], u: Pack<S, W>, gain: Pack<S, W>) -> (Pack<S, W>, Pack<S, W>);
 }
 
@@ -32,7 +33,7 @@ impl<S: Scalar> ColumnPass<S> for Bierman {
             return [S::zero(); 2];
         }
         *d *= before / *variance;
-        // With nothing gathered so far the gain is zero, and so is what it takes off.
+        // If `before` is zero, the gain accumulated so far is zero, and so is its contribution.
         let lambda = if before == S::zero() { S::zero() } else { -f / before };
         [lambda, g]
     }
@@ -43,7 +44,8 @@ impl<S: Scalar> ColumnPass<S> for Bierman {
     }
 }
 
-/// Givens rotations of [gain, S]: f into the innovation's standard deviation, the column into the gain.
+/// Givens rotations of [gain, S], which rotate f into the innovation's standard deviation and the column into the
+/// gain.
 pub struct Givens;
 
 impl<S: Scalar> ColumnPass<S> for Givens {
@@ -58,15 +60,15 @@ impl<S: Scalar> ColumnPass<S> for Givens {
         [c, s]
     }
 
-    /// Not as shears, with a multiply-add less: where the angle is near a right one they lose what is left of the
-    /// column.
+    /// Applies the rotation directly. Shears need one multiply-add less, but for angles near a right angle they lose
+    /// what is left of the column.
     #[inline(always)]
     fn apply<const W: usize>([c, s]: [S; 2], u: Pack<S, W>, gain: Pack<S, W>) -> (Pack<S, W>, Pack<S, W>) {
         (u.scaled(c).add_scaled(gain, -s), gain.scaled(c).add_scaled(u, s))
     }
 }
 
-/// The length of (a, b) without overflow.
+/// Returns the length of (a, b) without overflow.
 #[inline(always)]
 pub fn hypotenuse<S: Scalar>(a: S, b: S) -> S {
     let largest = a.abs().max(b.abs());
@@ -77,10 +79,10 @@ pub fn hypotenuse<S: Scalar>(a: S, b: S) -> S {
     largest * a.mul_add(a, b * b).sqrt()
 }
 
-/// Takes the rows of H U (k x N, one a measurement) through all updates: `spreads` and `d` as after them, and the two
-/// numbers of each update and column, one after the other, into `changes` (2k x N). Column i of `gains` (k x k) becomes
-/// the gain of update i times its spread, seen through the rows of H after it; what stands on and above its diagonal
-/// means nothing.
+/// Takes the rows of H U (k x N, one per measurement) through all updates. `spreads` and `d` are updated, and
+/// `changes` (2k x N) receives the two numbers of each update and column, one after the other. Column i of `gains` (k
+/// x k) becomes the gain of update i times its spread, multiplied by the later rows of H; its entries on and above
+/// the diagonal are meaningless.
 #[inline(always)]
 fn recursion<S: Scalar, P: ColumnPass<S>>(
     mut rows: ViewMut<'_, S>,
@@ -105,7 +107,7 @@ fn recursion<S: Scalar, P: ColumnPass<S>>(
     }
 }
 
-/// Updates first .. first + K, with their numbers in registers, and what they do to the rows after them.
+/// Performs updates first .. first + K with their numbers in registers, and applies them to the later rows.
 #[inline(always)]
 fn few_rows<S: Scalar, P: ColumnPass<S>, const K: usize>(
     first: usize,
@@ -168,7 +170,7 @@ fn sweep<S: Scalar, P: ColumnPass<S>>(mut panel: ViewMut<'_, S>, changes: View<'
     }
 }
 
-/// Rows at .. at + W through the updates from `first` on, as many as `gains` has columns. Returns W.
+/// Takes rows at .. at + W through the updates from `first` on, one for each column of `gains`. Returns W.
 #[inline(always)]
 fn rows_sweep<S: Scalar, P: ColumnPass<S>, const W: usize>(
     panel: ViewMut<'_, S>,
@@ -195,7 +197,7 @@ fn updates_sweep<S: Scalar, P: ColumnPass<S>, const W: usize, const K: usize>(
     mut gains: ViewMut<'_, S>,
 ) {
     let mut gathered = [Pack::<S, W>::zero(); K];
-    // Before column `at` these rows are zero.
+    // These rows are zero before column `at`.
     for j in at..panel.columns() {
         let by = &changes.column(j)[2 * first..2 * (first + K)];
         let column = &mut panel.column_mut(j)[at..at + W];

@@ -1,6 +1,6 @@
-//! Loops over slices and small matrices that the recursion is made of.
+//! The loops over slices and small matrices of which the recursion consists.
 //!
-//! Those that a step spends its time in are methods of [`Kernels`]; the short ones here are for use anywhere.
+//! The loops in which a step spends its time are methods of [`Kernels`]; the short loops below are for general use.
 
 mod cholesky;
 mod compiled;
@@ -27,7 +27,7 @@ pub use shift::Shift;
 
 use crate::Scalar;
 
-/// y += alpha x.
+/// Computes y += alpha x.
 #[inline]
 pub fn axpy<S: Scalar>(alpha: S, x: &[S], y: &mut [S]) {
     for (y, &x) in y.iter_mut().zip(x) {
@@ -35,7 +35,7 @@ pub fn axpy<S: Scalar>(alpha: S, x: &[S], y: &mut [S]) {
     }
 }
 
-/// The sum of x_i y_i, in four partial sums so that it vectorises.
+/// Returns the sum of x_i y_i, in four partial sums so that the loop vectorises.
 #[inline]
 pub fn dot<S: Scalar>(x: &[S], y: &[S]) -> S {
     let mut sums = [S::zero(); 4];

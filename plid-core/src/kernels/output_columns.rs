@@ -1,9 +1,9 @@
-//! Columns of U diag(d) U^T: the covariance of all states with a few.
+//! Columns of U diag(d) U^T: the covariances of all states with a few of them.
 
 use super::{Pack, PanelLayout};
 use crate::{Scalar, View, ViewMut};
 
-/// Columns of U whose weights are formed at a time.
+/// The number of columns of U whose weights are formed at a time.
 const SPAN: usize = 64;
 
 #[inline(always)]
@@ -59,7 +59,7 @@ fn few_columns<S: Scalar, const K: usize>(
     }
 }
 
-/// Rows of a panel from `at` on, columns from .. to.
+/// The rows of a panel from `at` on, and the columns from .. to.
 struct Place {
     layout: PanelLayout,
     panel: usize,
@@ -78,7 +78,7 @@ impl Place {
         mut out: ViewMut<'_, S>,
     ) -> usize {
         let n = self.layout.n();
-        // The result has no rows to fill a panel up.
+        // The result has no rows of padding.
         let (row, kept) = (self.panel * n + self.at, W.min(n - self.at));
         let mut sums = [Pack::<S, W>::zero(); K];
         for k in 0..K {

@@ -1,19 +1,19 @@
-//! A few numbers that a kernel processes together: W of them side by side, so that they fill vector registers.
+//! Packs of W numbers that a kernel processes together, so that they fill vector registers.
 
 use crate::Scalar;
 
-/// W numbers. All operations are inlined, into a kernel that is compiled for the CPU's vector instructions.
+/// W numbers. All operations are inlined into a kernel that is compiled for the CPU's vector instructions.
 #[derive(Clone, Copy, Debug)]
 pub struct Pack<S, const W: usize>(pub [S; W]);
 
 impl<S: Scalar, const W: usize> Pack<S, W> {
-    /// W zeros.
+    /// Returns W zeros.
     #[inline(always)]
     pub fn zero() -> Self {
         Self([S::zero(); W])
     }
 
-    /// The first W entries of `from`.
+    /// Loads the first W entries of `from`.
     #[inline(always)]
     pub fn load(from: &[S]) -> Self {
         let mut pack = Self::zero();
@@ -21,13 +21,13 @@ impl<S: Scalar, const W: usize> Pack<S, W> {
         pack
     }
 
-    /// Over the first W entries of `to`.
+    /// Stores the numbers in the first W entries of `to`.
     #[inline(always)]
     pub fn store(self, to: &mut [S]) {
         to[..W].copy_from_slice(&self.0);
     }
 
-    /// self b, entry by entry.
+    /// Returns self b, entry by entry.
     #[inline(always)]
     pub fn scaled(mut self, b: S) -> Self {
         for x in &mut self.0 {
@@ -36,7 +36,7 @@ impl<S: Scalar, const W: usize> Pack<S, W> {
         self
     }
 
-    /// self + a b, entry by entry.
+    /// Returns self + a b, entry by entry.
     #[inline(always)]
     pub fn add_scaled(mut self, a: Self, b: S) -> Self {
         for i in 0..W {
@@ -45,7 +45,7 @@ impl<S: Scalar, const W: usize> Pack<S, W> {
         self
     }
 
-    /// self + a b, entry by entry.
+    /// Returns self + a b, entry by entry.
     #[inline(always)]
     pub fn add_product(mut self, a: Self, b: Self) -> Self {
         for i in 0..W {

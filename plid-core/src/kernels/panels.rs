@@ -1,14 +1,14 @@
-//! An upper triangular matrix in panels: the storage of the factored forms, and its product with a transition.
+//! Panel storage of an upper triangular matrix for the factored forms, and its product with a transition.
 
 use super::Pack;
 use crate::{Scalar, View, ViewMut};
 
 /// The layout of an upper triangular matrix of (count n) x (count n) in one matrix of half the size.
 ///
-/// Panel k is rows kn .. (k + 1)n, of which the columns before kn are zero and are not kept. The panels stand side by
-/// side, each filled up with rows of zeros to a whole number of packs: no kernel has a ragged end, and each panel is a
-/// block of columns of its own, which another thread may have. Zeros below the diagonal of a panel's first n columns
-/// are kept.
+/// Panel k is rows kn .. (k + 1)n without the columns before kn, which are zero. The panels are stored side by side,
+/// each padded with rows of zeros to a whole number of packs. Therefore no kernel has a ragged end, and each panel is
+/// a separate block of columns, which another thread may process. The zeros below the diagonal of a panel's first n
+/// columns are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PanelLayout {
     n: usize,
@@ -16,47 +16,47 @@ pub struct PanelLayout {
 }
 
 impl PanelLayout {
-    /// Rows are filled up to a multiple of this.
+    /// The number of rows is padded to a multiple of this.
     pub const ROWS: usize = 8;
 
-    /// The layout for `count` panels of n rows.
+    /// Creates the layout for `count` panels of n rows.
     pub fn new(n: usize, count: usize) -> Self {
         Self { n, count }
     }
 
-    /// Rows of a panel that mean something, n.
+    /// Returns the number of rows of a panel without padding, n.
     pub fn n(&self) -> usize {
         self.n
     }
 
-    /// The number of panels.
+    /// Returns the number of panels.
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// The number of rows and of columns of the triangular matrix.
+    /// Returns the number of rows and of columns of the triangular matrix.
     pub fn size(&self) -> usize {
         self.n * self.count
     }
 
-    /// Rows of the matrix that holds the panels.
+    /// Returns the number of rows of the matrix that holds the panels.
     pub fn rows(&self) -> usize {
         self.n.next_multiple_of(Self::ROWS)
     }
 
-    /// The column of that matrix with which panel k begins; for k = `count`, its number of columns.
+    /// Returns the column of that matrix with which panel k begins; for k = `count`, its number of columns.
     pub fn start(&self, k: usize) -> usize {
-        // The sum of (count - i) n over the panels i before.
+        // The sum of (count - i) n over the preceding panels i.
         self.n * (k * self.count - k * k.saturating_sub(1) / 2)
     }
 
-    /// The position of column j of panel k; j counts from the first column of the triangular matrix, and is at least
-    /// kn.
+    /// Returns the position of column j of panel k, where j counts from the first column of the triangular matrix and
+    /// is at least kn.
     pub fn column(&self, k: usize, j: usize) -> usize {
         self.start(k) + j - k * self.n
     }
 
-    /// The first panel of the second half, where both halves have about as many entries.
+    /// Returns the first panel of the second half, chosen so that both halves have about as many entries.
     pub fn half(&self) -> usize {
         let total = self.start(self.count);
         let off = |k: usize| (2 * self.start(k)).abs_diff(total);
@@ -64,12 +64,12 @@ impl PanelLayout {
     }
 }
 
-/// To columns of the first panel from column `first` on, x, [Ux, Uxt] <- [Abar Ux, Abar Uxt + (phi (x) I) Ut]: `theta`
-/// holds the panels from the second one on.
+/// Advances the columns x of the first panel, from column `first` on:
+/// [Ux, Uxt] <- [Abar Ux, Abar Uxt + (phi (x) I) Ut]. `theta` holds the panels from the second one on.
 ///
-/// J is given as a sum of shifts: column i of `shifts` (a panel's rows x s) has a one in the rows in which the one of J
-/// stands `offsets[i]` before the diagonal. `outputs` are the rows c_k, `abar` (a panel's rows x p) holds the abar_k,
-/// `work` p entries.
+/// J is given as a sum of shifts: column i of `shifts` (a panel's rows x s) has a one in each row in which J has its
+/// one `offsets[i]` columns before the diagonal. `outputs` are the rows c_k, `abar` (a panel's rows x p) holds the
+/// abar_k, and `work` has p entries.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub fn advance_panel<S: Scalar>(
@@ -84,11 +84,11 @@ pub fn advance_panel<S: Scalar>(
     mut x: ViewMut<'_, S>,
     work: &mut [S],
 ) {
-    // From the last column and row on, since J takes a row from one above it.
+    // Columns and rows are processed from the last to the first, because J takes each row from a row above it.
     let (rows, stride) = (x.rows(), x.stride());
     for c in (0..x.columns()).rev() {
         let j = first + c;
-        // Panels 1 .. blocks reach into this column.
+        // Only the first j / n of the panels in `theta` reach this column.
         let column = Column { layout, theta, phi: &phi[..phi.len().min(j / layout.n)], offsets, shifts, abar, j };
         let begin = c * stride;
         let x = x.data_mut();
@@ -106,7 +106,7 @@ pub fn advance_panel<S: Scalar>(
     }
 }
 
-/// The contribution to one column.
+/// The data that are needed to advance one column.
 struct Column<'a, S> {
     layout: PanelLayout,
     theta: View<'a, S>,
@@ -118,13 +118,13 @@ struct Column<'a, S> {
 }
 
 impl<S: Scalar> Column<'_, S> {
-    /// Rows `end` - W .. `end` of the column that begins at `x[begin]`. Returns W.
+    /// Advances rows `end` - W .. `end` of the column that begins at `x[begin]`. Returns W.
     #[inline(always)]
     fn advance<const W: usize>(&self, end: usize, begin: usize, x: &mut [S], seen: &[S]) -> usize {
         let at = end - W;
         let mut sum = Pack::<S, W>::zero();
         for (i, &offset) in self.offsets.iter().enumerate() {
-            // Above the column is the end of the one before, which the zeros of J remove.
+            // The entries before the column belong to the end of the previous one; the zeros of J remove them.
             let place = begin + at;
             let from = if place >= offset { Pack::load(&x[place - offset..]) } else { first_rows(x, offset - place) };
             sum = sum.add_product(from, Pack::load(&self.shifts.column(i)[at..]));
@@ -133,7 +133,8 @@ impl<S: Scalar> Column<'_, S> {
             sum = sum.add_scaled(Pack::load(&self.abar.column(k)[at..]), seen[k]);
         }
         if !self.phi.is_empty() {
-            // In panel 1, of which column n is the first; then a panel on, each with n columns fewer.
+            // `place` begins in panel 1, whose first column is column n. Each panel has n columns fewer than the one
+            // before.
             let (n, mut place) = (self.layout.n, self.j - self.layout.n);
             let mut step = (self.layout.count - 1) * n;
             for &weight in self.phi {
@@ -147,7 +148,7 @@ impl<S: Scalar> Column<'_, S> {
     }
 }
 
-/// So many zeros, then entries of x.
+/// Returns `zeros` zeros, followed by entries of x.
 #[inline(always)]
 fn first_rows<S: Scalar, const W: usize>(x: &[S], zeros: usize) -> Pack<S, W> {
     let mut pack = Pack::zero();

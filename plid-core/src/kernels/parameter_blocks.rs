@@ -3,11 +3,11 @@
 use super::{Pack, PanelLayout};
 use crate::{Scalar, View, ViewMut};
 
-/// As many columns are gathered before their squares are added to the sum: few enough that they stay in the first-level
-/// cache.
+/// The number of columns that are gathered before their squares are added to the sum: few enough for them to stay in
+/// the first-level cache.
 pub const DEPTH: usize = 32;
 
-/// Columns of the sum that are formed at a time.
+/// The number of columns of the sum that are formed at a time.
 const TILE: usize = 8;
 
 #[inline(always)]
@@ -25,7 +25,7 @@ pub fn add_parameter_blocks<S: Scalar>(
     let (n, rows) = (layout.n(), layout.rows());
     let mut c = from;
     while c < to {
-        // A few columns of one block of columns.
+        // At most DEPTH columns, all of one block.
         let block = c / n;
         let end = to.min((block + 1) * n);
         let taken = (end - c).min(DEPTH);
@@ -39,7 +39,7 @@ pub fn add_parameter_blocks<S: Scalar>(
             if first > block {
                 continue;
             }
-            // The panel whose block on the diagonal this is has zeros below it.
+            // If this is the diagonal block of the only panel that contributes, the rows below the diagonal are zero.
             let triangle = first == block;
             let step = if triangle { DEPTH / 2 } else { DEPTH };
             for part in (0..taken).step_by(step) {
@@ -57,7 +57,7 @@ pub fn add_parameter_blocks<S: Scalar>(
     }
 }
 
-/// The weighted sum of a column's parts in the panels from `first` on, times `root`.
+/// Writes the weighted sum of a column's parts in the panels from `first` on, times `root`, to `to`.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn gather<S: Scalar>(
@@ -80,7 +80,7 @@ fn gather<S: Scalar>(
     }
 }
 
-/// Rows at .. at + W of it. Returns W.
+/// Writes rows at .. at + W of this sum. Returns W.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn gather_rows<S: Scalar, const W: usize>(
@@ -95,7 +95,7 @@ fn gather_rows<S: Scalar, const W: usize>(
 ) -> usize {
     let mut sum = Pack::<S, W>::zero();
     for s in first..weights.len() {
-        // Diagonal weights have one term.
+        // Diagonal weights have only one nonzero term.
         if weights[s] != S::zero() {
             let place = layout.column(s + 1, layout.n() + c) - layout.start(1);
             sum = sum.add_scaled(Pack::load(&theta.column(place)[at..]), weights[s]);
@@ -105,7 +105,7 @@ fn gather_rows<S: Scalar, const W: usize>(
     W
 }
 
-/// SUM <- SUM + V V^T, lower triangle, for the first `filled` rows of V; the others are zero.
+/// Computes SUM <- SUM + V V^T, lower triangle, from the first `filled` rows of V; the other rows are zero.
 #[inline(always)]
 fn add_squares<S: Scalar>(v: View<'_, S>, filled: usize, mut sum: ViewMut<'_, S>) {
     for j in (0..filled).step_by(TILE) {
@@ -120,10 +120,10 @@ fn add_squares<S: Scalar>(v: View<'_, S>, filled: usize, mut sum: ViewMut<'_, S>
     }
 }
 
-/// Rows i .. i + W and columns j .. j + TILE of the sum, in registers. Returns W.
+/// Updates rows i .. i + W and columns j .. j + TILE of the sum in registers. Returns W.
 #[inline(always)]
 fn add_tile<S: Scalar, const W: usize>(v: View<'_, S>, i: usize, j: usize, mut sum: ViewMut<'_, S>) -> usize {
-    // Each by its name: of an array of packs the compiler would make memory.
+    // Each pack has a name of its own, because the compiler would place an array of packs in memory.
     let load = |q: usize| Pack::<S, W>::load(&sum.column(j + q)[i..]);
     let (mut t0, mut t1, mut t2, mut t3) = (load(0), load(1), load(2), load(3));
     let (mut t4, mut t5, mut t6, mut t7) = (load(4), load(5), load(6), load(7));

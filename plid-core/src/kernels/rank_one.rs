@@ -1,10 +1,10 @@
-//! One direction added to a covariance in triangular form, its columns taken from the last to the first.
+//! Rank-one updates of a covariance in triangular form. The columns are processed from the last to the first.
 
 use super::measurement::{ColumnPass, Givens};
 use super::{Pack, PanelLayout};
 use crate::{Scalar, ViewMut};
 
-/// Agee and Turner's update of U diag(d) U^T by c a a^T.
+/// Updates U diag(d) U^T by c a a^T with the method of Agee and Turner.
 #[inline(always)]
 pub fn agee_turner<S: Scalar>(
     layout: PanelLayout,
@@ -39,7 +39,7 @@ pub fn rotate_in<S: Scalar>(layout: PanelLayout, mut s: ViewMut<'_, S>, mut a: V
         let (pivot, head) = (s.at(row, layout.column(block, j)), a.at(row, block));
         let mut length = pivot;
         let by = Givens::enter(head, &mut length, &mut S::zero());
-        // The column takes the part of the gain.
+        // The column takes the place of the gain in the rotation.
         each_pack(layout, j, s.reborrow(), a.reborrow(), |s, a| {
             let (a, s) = Givens::apply(by, a, s);
             (s, a)
@@ -48,7 +48,7 @@ pub fn rotate_in<S: Scalar>(layout: PanelLayout, mut s: ViewMut<'_, S>, mut a: V
     }
 }
 
-/// `f` of all rows of column j of the matrix and of the vector.
+/// Applies `f` to all rows of column j of the matrix and of the vector.
 #[inline(always)]
 fn each_pack<S: Scalar>(
     layout: PanelLayout,

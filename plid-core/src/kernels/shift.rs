@@ -2,17 +2,18 @@
 
 use crate::{ImplicitModel, Scalar};
 
-/// J, a single one or none in each row: where each row has it, and the rows as runs that move together.
+/// J, which has at most a single one per row: the column of this one for each row, and the rows as runs that move
+/// together.
 #[derive(Clone, Debug)]
 pub struct Shift {
     sources: Vec<Option<usize>>,
-    /// First row to be read, first row to be written and length of each run, the lowest rows first.
+    /// The first row read, the first row written and the length of each run. The last rows come first.
     runs: Vec<(usize, usize, usize)>,
     empty: Vec<usize>,
 }
 
 impl Shift {
-    /// The J of a model.
+    /// Creates the layout of a model's J.
     pub fn new(model: &dyn ImplicitModel) -> Self {
         let sources: Vec<_> = (0..model.states()).map(|i| model.shift_source(i)).collect();
         let mut runs: Vec<(usize, usize, usize)> = Vec::new();
@@ -29,16 +30,16 @@ impl Shift {
         Self { sources, runs, empty }
     }
 
-    /// Where row `i` of J has its one.
+    /// Returns the column in which row `i` of J has its one.
     pub fn source(&self, i: usize) -> Option<usize> {
         self.sources[i]
     }
 
-    /// x <- J x.
+    /// Computes x <- J x.
     #[inline(always)]
     pub fn apply<S: Scalar>(&self, x: &mut [S]) {
-        // A row is read from one above it, so that what is written last first overwrites nothing that is still to be
-        // read.
+        // Each row is read from a row above it. The last rows are written first, so that nothing is overwritten
+        // before it is read.
         for &(from, to, length) in &self.runs {
             x.copy_within(from..from + length, to);
         }

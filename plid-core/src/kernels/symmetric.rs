@@ -1,4 +1,4 @@
-//! The operations of a step on a covariance of which the lower triangle is stored.
+//! The operations of a step on a covariance whose lower triangle is stored.
 
 use super::{Pack, Shift};
 use crate::{Scalar, View, ViewMut};
@@ -20,10 +20,10 @@ pub fn symmetric_product_lower<S: Scalar>(mut c: ViewMut<'_, S>, alpha: S, a: Vi
     }
 }
 
-/// As many columns of C as share the loads of A.
+/// The number of columns of C that share the loads of A.
 const FOUR: usize = 4;
 
-/// Entries of a cache line in f64; a half of one in f32.
+/// The number of entries in a cache line in `f64`; in `f32` they are half a line.
 const LINE: usize = 8;
 
 #[inline(always)]
@@ -32,7 +32,7 @@ fn product_of_rank<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, alpha: S, a
     let tiled = n - n % LINE;
     for j in (0..tiled).step_by(LINE) {
         corner::<S, K>(c.reborrow(), j, alpha, a, b);
-        // Below the corner a line begins, if the matrix does on one.
+        // A cache line begins below the corner if the columns begin on one.
         let below = j + LINE;
         for first in (j..below).step_by(FOUR) {
             let weights: [[S; FOUR]; K] = std::array::from_fn(|k| std::array::from_fn(|q| alpha * b.at(first + q, k)));
@@ -55,7 +55,7 @@ fn product_of_rank<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, alpha: S, a
     }
 }
 
-/// The LINE x LINE entries from (j, j) on; those above the diagonal are not changed.
+/// Updates the LINE x LINE entries from (j, j) on; those above the diagonal are not changed.
 #[inline(always)]
 fn corner<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, j: usize, alpha: S, a: View<'_, S>, b: View<'_, S>) {
     for q in 0..LINE {
@@ -72,7 +72,7 @@ fn corner<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, j: usize, alpha: S, 
     }
 }
 
-/// Column q of four gets the sum of `weights[k][q]` `a[k]`.
+/// Adds the sum over k of `weights[k][q]` `a[k]` to each column q of the four.
 #[inline(always)]
 fn add_to_four<S: Scalar, const K: usize>(columns: [&mut [S]; FOUR], a: [&[S]; K], weights: [[S; FOUR]; K]) {
     let [c0, c1, c2, c3] = columns;
@@ -118,7 +118,7 @@ pub fn block_product_lower<S: Scalar>(
     }
 }
 
-/// Rows at .. at + W of each block; returns W.
+/// Processes rows at .. at + W of each block. Returns W.
 #[inline(always)]
 fn rows_of_product<S: Scalar, const W: usize>(
     m: View<'_, S>,
@@ -128,7 +128,7 @@ fn rows_of_product<S: Scalar, const W: usize>(
     y: &mut [S],
     mirrored: &mut [S],
 ) -> usize {
-    // As many sums as registers may hold, in straight code.
+    // As many sums as the registers hold, in straight-line code.
     let mut left = 0;
     while left < phi.len() {
         left += match phi.len() - left {
@@ -140,7 +140,7 @@ fn rows_of_product<S: Scalar, const W: usize>(
     W
 }
 
-/// Columns b of the K blocks from block `left` on, of all blocks of rows from theirs on.
+/// Processes column b of each of the K blocks from block `left` on, in the rows of these blocks and below. Returns K.
 #[inline(always)]
 fn columns_of_product<S: Scalar, const W: usize, const K: usize>(
     m: View<'_, S>,
@@ -153,11 +153,11 @@ fn columns_of_product<S: Scalar, const W: usize, const K: usize>(
 ) -> usize {
     let (n, k) = (mirrored.len() / phi.len(), phi.len());
     let mut sums = [Pack::<S, W>::zero(); K];
-    // The K block rows that belong to the columns too, and then those below them.
+    // First the K blocks of rows that belong to these columns, then those below them.
     for l in 0..K {
         let row = (left + l) * n + at;
         let mut straight = Pack::load(&y[row..]);
-        // A loop of K terms is unrolled, so that the sums stay in registers; one up to l would not be.
+        // A loop over K terms is unrolled, so that the sums stay in registers; a loop up to l would not be.
         for g in 0..K {
             if g <= l {
                 let entry = Pack::load(&m.column((left + g) * n + b)[row..]);
@@ -189,7 +189,8 @@ pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, k: usize, row: usize, firs
     let (height, columns) = (mirrored.columns() / k, y.columns());
     let stride = y.stride();
     let (z, y) = (mirrored.data(), y.data_mut());
-    // Columns of Y are far apart, in memory pages of their own: a few of them from top to bottom.
+    // The columns of Y are far apart, in separate memory pages, so only a few of them are filled from top to bottom
+    // at a time.
     for a in (0..columns).step_by(EDGE) {
         for block in 0..k {
             for b in (0..height).step_by(EDGE) {
@@ -209,15 +210,15 @@ pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, k: usize, row: usize, firs
     }
 }
 
-/// Adds the transpose of a tile, whose columns are `step` apart, to a tile whose columns are `stride` apart.
+/// Adds the transpose of a tile whose columns are `step` apart to a tile whose columns are `stride` apart.
 #[inline(always)]
 fn add_transposed_tile<S: Scalar>(from: &[S], step: usize, to: &mut [S], stride: usize) {
     let mut tile = [[S::zero(); EDGE]; EDGE];
     for q in 0..EDGE {
         tile[q].copy_from_slice(&from[q * step..][..EDGE]);
     }
-    // Each round takes the first bit of a column's number and puts it behind the bits of a row's: after three the two
-    // have changed places. Written so, it becomes shuffles of whole registers.
+    // Each round moves the first bit of a column's number behind the bits of the row's number, and the reverse. After
+    // three rounds the two numbers have changed places. In this form the code becomes shuffles of whole registers.
     for _ in 0..3 {
         let before = tile;
         for q in 0..EDGE / 2 {
@@ -233,7 +234,7 @@ fn add_transposed_tile<S: Scalar>(from: &[S], step: usize, to: &mut [S], stride:
     }
 }
 
-/// The side of a tile that is transposed at a time.
+/// The side of the tiles that are transposed.
 const EDGE: usize = 8;
 
 #[inline(always)]
@@ -243,7 +244,7 @@ pub fn add_block_sums<S: Scalar>(mut x: ViewMut<'_, S>, theta: View<'_, S>, phi:
     }
 }
 
-/// x <- x + sum_k phi_k theta_k over the blocks theta_k of x's length.
+/// Computes x <- x + sum_k phi_k theta_k over the blocks theta_k of x's length.
 #[inline(always)]
 fn add_blocks<S: Scalar>(x: &mut [S], theta: &[S], phi: &[S]) {
     let n = x.len();
@@ -273,7 +274,7 @@ fn add_blocks<S: Scalar>(x: &mut [S], theta: &[S], phi: &[S]) {
 #[inline(always)]
 pub fn solve_gain<S: Scalar>(cross: View<'_, S>, factor: View<'_, S>, mut gain: ViewMut<'_, S>) {
     let k = cross.columns();
-    // K L^T first, column by column, then K.
+    // First K L, column by column, then K.
     for j in 0..k {
         gain.column_mut(j).copy_from_slice(cross.column(j));
         for i in 0..j {
@@ -328,7 +329,7 @@ pub fn advance_columns<S: Scalar>(
     }
 }
 
-/// x += the sum of K columns of `terms`, from `first` on, times `weights`. Returns K.
+/// Adds K columns of `terms`, from `first` on, times `weights`, to x. Returns K.
 #[inline(always)]
 fn add_columns<S: Scalar, const K: usize>(x: &mut [S], terms: View<'_, S>, weights: &[S], first: usize) -> usize {
     let n = x.len();
@@ -353,7 +354,7 @@ pub fn advance_rows<S: Scalar>(
     for (k, &row) in rows.iter().enumerate() {
         kept.column_mut(k).copy_from_slice(x.column(row));
     }
-    // From the last column to the first, since J takes column i from one before it.
+    // From the last column to the first, because J takes column i from a column before it.
     for i in (0..x.columns()).rev() {
         for first in (0..rows.len()).step_by(3) {
             let source = if first == 0 { shift.source(i) } else { Some(i) };
@@ -366,7 +367,8 @@ pub fn advance_rows<S: Scalar>(
     }
 }
 
-/// Column i of X becomes column `source`, or nothing, plus the sum of `abar(i, k)` times column k of `kept`, K of them.
+/// Sets column i of X to column `source`, or to zero without one, plus the sum of `abar(i, k)` times column k of
+/// `kept` over K columns from `first` on.
 #[inline(always)]
 fn column_of_sum<S: Scalar, const K: usize>(
     mut x: ViewMut<'_, S>,
@@ -419,7 +421,7 @@ pub fn add_weighted_blocks_lower<S: Scalar>(
         let mut at = 0;
         while at < n {
             let (out, work) = (out.column_mut(c), work.column_mut(c));
-            // The sums of a few packs side by side hide each other's latency.
+            // The sums of a few packs are formed side by side, so that they hide each other's latency.
             at += match n - at {
                 32.. => rows_of_blocks::<S, 32>(m, weights, c, at, out, work),
                 16.. => rows_of_blocks::<S, 16>(m, weights, c, at, out, work),
@@ -433,11 +435,12 @@ pub fn add_weighted_blocks_lower<S: Scalar>(
             *to += from;
         }
     }
-    // M_ts is M_st transposed.
+    // M_ts is the transpose of M_st.
     add_mirrored(work.view(), 1, 0, 0, out);
 }
 
-/// Rows at .. at + W of column c: the blocks on the diagonal into `out`, those below it into `work`. Returns W.
+/// Adds rows at .. at + W of column c of the blocks on the diagonal to `out`, and writes the sum of those of the
+/// blocks below it to `work`. Returns W.
 #[inline(always)]
 fn rows_of_blocks<S: Scalar, const W: usize>(
     m: View<'_, S>,

@@ -14,7 +14,7 @@ use std::path::Path;
 /// A variable of a file.
 struct Found {
     name: String,
-    /// Of an opaque object it is not known.
+    /// Unknown and empty for an opaque object.
     shape: Vec<usize>,
     contents: Contents,
 }
@@ -22,14 +22,14 @@ struct Found {
 /// The content of a variable.
 enum Contents {
     Real(ArrayD<f64>),
-    /// A description of what it is.
+    /// A description of the content.
     Other(&'static str),
 }
 
 /// Reads the real arrays of a file.
 pub(super) fn read(path: &Path, bytes: &[u8], variable: Option<&str>) -> Result<Content, DataError> {
     let malformed = |what: String| DataError::Malformed { file: path.into(), what };
-    // HDF5 begins behind a header of MATLAB's, whose text need not name the version.
+    // The HDF5 data begin after a header of MATLAB, whose text need not name the version.
     let is_hdf5 = [0, 512].iter().any(|&at| bytes.get(at..).is_some_and(|rest| rest.starts_with(b"\x89HDF")));
     if is_hdf5 || bytes.starts_with(b"MATLAB 7.3") {
         let what = "a MATLAB 7.3 file (HDF5), which is not supported; save it with `save -v7`";
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
     use ndarray::array;
 
-    /// An element of version 5, by the format's specification (MathWorks, MAT-File Format, level 5).
+    /// Builds an element of version 5 according to the format's specification (MathWorks, MAT-File Format, level 5).
     fn element(kind: u32, data: &[u8]) -> Vec<u8> {
         let mut out = kind.to_le_bytes().to_vec();
         out.extend((data.len() as u32).to_le_bytes());
@@ -65,12 +65,12 @@ mod tests {
         out
     }
 
-    /// Words as they are stored.
+    /// Returns words as they are stored.
     fn words(words: &[u32]) -> Vec<u8> {
         words.iter().flat_map(|word| word.to_le_bytes()).collect()
     }
 
-    /// The header of version 5, and elements.
+    /// Builds a file from the header of version 5 and elements.
     fn file_of(elements: &[Vec<u8>]) -> Vec<u8> {
         let mut file = b"MATLAB 5.0 MAT-file, written by a test".to_vec();
         file.resize(116, b' ');
@@ -81,7 +81,7 @@ mod tests {
         file
     }
 
-    /// A file of uncompressed double arrays: name, rows, columns, values by columns.
+    /// Builds a file of uncompressed double arrays: name, rows, columns, values by columns.
     fn mat_file(variables: &[(&str, usize, usize, &[f64])]) -> Vec<u8> {
         let double = |(name, rows, columns, values): &(&str, usize, usize, &[f64])| {
             // Class 6 is double; data types 6, 5, 1 and 9 are u32, i32, i8 and double.
@@ -156,7 +156,7 @@ mod tests {
     const V5: &[u8] = include_bytes!("fixtures/v5.mat");
     const COMPRESSED: &[u8] = include_bytes!("fixtures/v5_compressed.mat");
 
-    /// Files that SciPy wrote, by fixtures/make.py.
+    /// The files were written by SciPy with fixtures/make.py.
     #[test]
     fn files_of_every_version_hold_the_same() {
         let y = array![[0.5, 10.0], [1.5, 20.0], [2.5, 30.0], [3.5, 40.0], [4.5, 50.0]];
@@ -189,8 +189,8 @@ mod tests {
         assert!(content.columns.columns().into_iter().all(|column| column.to_vec() == [1.0, 0.0, 1.0]));
     }
 
-    /// Function handles (class 16) and opaque objects (class 17, without dimensions), which SciPy cannot write, among
-    /// arrays; and the matrix without a name behind them.
+    /// Function handles (class 16) and opaque objects (class 17, without dimensions), which SciPy cannot write, occur
+    /// among arrays, followed by the matrix without a name.
     #[test]
     fn handles_and_objects_are_named_and_nothing_else_is_lost() {
         let [u, shared] = [("u", [1.0, 2.0]), ("", [0.0, 0.0])]
@@ -214,11 +214,12 @@ mod tests {
         assert!(said[0].contains("`f` is a function handle") && said[1].contains("`o` is an object"), "{said:?}");
     }
 
-    /// A file in the other order of bytes: tags and numbers are reversed in place.
+    /// A file with the other byte order: tags and numbers are reversed in place.
     #[test]
     fn either_order_of_bytes_is_read() {
         let mut file = mat_file(&[("u", 2, 1, &[1.5, -2.0])]);
-        // The mark; tags, flags and dimensions; the name's tag (the name is one byte); the numbers' tag; the numbers.
+        // The ranges are those of the mark; tags, flags and dimensions; the name's tag (the name is one byte); the
+        // numbers' tag; the numbers.
         for (range, width) in [(126..128, 2), (128..176, 4), (184..192, 4), (192..208, 8)] {
             file[range].chunks_exact_mut(width).for_each(<[u8]>::reverse);
         }
@@ -234,7 +235,7 @@ mod tests {
         assert!(vax.contains("IEEE"), "{vax}");
     }
 
-    /// A size within a variable that is wrong takes this variable and all that follow with it. That is never silent.
+    /// A wrong size within a variable makes this variable and all that follow unreadable. This is always reported.
     #[test]
     fn a_corrupt_size_within_a_variable_is_an_error() {
         let good = mat_file(&[("u", 2, 1, &[1.0, 2.0]), ("Fs", 1, 1, &[100.0])]);
@@ -250,8 +251,9 @@ mod tests {
     }
 
     proptest::proptest! {
-        /// A damaged file is an error, or all of its variables are accounted for; nothing panics. In version 4 a matrix
-        /// has no size but its dimensions: with others it may hold exactly what follows.
+        /// A damaged file is an error, or all of its variables are accounted for; nothing panics. In version 4, the
+        /// size of a matrix follows from its dimensions alone: with other dimensions, it may contain exactly what
+        /// follows.
         #[test]
         fn no_variable_of_a_damaged_file_is_lost_without_a_word(
             which in 0..3_usize,
@@ -262,7 +264,8 @@ mod tests {
             let original = [V4, V5, COMPRESSED][which];
             let mut bytes = original.to_vec();
             for (at, value) in damage {
-                // Version 5 says its version and order in the header, and where objects share.
+                // The header of version 5 states the version, the byte order, and the location of the data that objects
+                // share.
                 let first = if which == 0 { 0 } else { 128 };
                 let at = first + at.index(bytes.len() - first);
                 bytes[at] = value;

@@ -4,15 +4,15 @@ use super::{Contents, Found};
 use crate::array::{array, count};
 use crate::bytes::{Bytes, Storage};
 
-/// Whether the file may be of version 4: versions since 5 begin with four characters of text, and this one with a
-/// number below 5000.
+/// Returns whether the file may be of version 4. Versions from 5 on begin with four characters of text, and version 4
+/// begins with a number below 5000.
 pub(super) fn is_likely(bytes: &[u8]) -> bool {
     bytes.len() >= 20 && bytes[..4].contains(&0)
 }
 
-/// All matrices of a file.
+/// Reads all matrices of a file.
 pub(super) fn read(bytes: &[u8]) -> Result<Vec<Found>, String> {
-    // The thousands of the first word say the order; read in the wrong one, it is far above 5000.
+    // The thousands of the first word give the byte order. In the wrong order, the word is far above 5000.
     let big = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]) >= 5000;
     let mut file = Bytes { rest: bytes, big };
     let mut found = Vec::new();

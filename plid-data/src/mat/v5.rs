@@ -1,8 +1,8 @@
 //! MATLAB .mat files of version 5 (`save -v6` or `-v7`): tagged elements, each either a matrix or a compressed one.
 //!
-//! After MathWorks, "MAT-File Level 5 File Format". A matrix consists of elements itself: flags, dimensions, a name,
-//! and what its class asks for. These must fill it exactly, also where its contents are of no use here: a size that is
-//! wrong would otherwise swallow the matrices behind it.
+//! The format is described in MathWorks, "MAT-File Level 5 File Format". A matrix itself consists of elements: flags,
+//! dimensions, a name, and those that its class requires. They must fill the matrix exactly, even where its contents
+//! are not used here. A wrong size would otherwise swallow the matrices that follow.
 
 use std::io::Read;
 
@@ -12,7 +12,7 @@ use super::{Contents, Found};
 use crate::array::{array, count};
 use crate::bytes::{Bytes, Storage};
 
-/// Bytes before the first element.
+/// Number of bytes before the first element.
 const HEADER: usize = 128;
 
 /// The largest ratio by which deflate can expand its input.
@@ -24,7 +24,7 @@ const UINT32: u32 = 6;
 const MATRIX: u32 = 14;
 const COMPRESSED: u32 = 15;
 
-/// All matrices of a file.
+/// Reads all matrices of a file.
 pub(super) fn read(bytes: &[u8]) -> Result<Vec<Found>, String> {
     let Some((header, rest)) = bytes.split_at_checked(HEADER) else {
         return Err("it is cut off within its header".into());
@@ -34,7 +34,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Vec<Found>, String> {
         b"MI" => true,
         _ => return Err("it lacks the signature of a .mat file of version 5".into()),
     };
-    // Objects have a matrix without a name behind them, with what they share. The header says where.
+    // A matrix without a name follows the objects and contains the data that they share. The header states its
+    // location.
     let mut subsystem = Bytes { rest: &header[116..120], big };
     let subsystem = subsystem.word()? as usize;
     let mut file = Bytes { rest, big };
@@ -50,16 +51,16 @@ pub(super) fn read(bytes: &[u8]) -> Result<Vec<Found>, String> {
     Ok(found)
 }
 
-/// An element: its type and what it holds.
+/// An element: its type and its data.
 struct Element<'a> {
     kind: u32,
     data: &'a [u8],
 }
 
-/// The next element.
+/// Reads the next element.
 fn element<'a>(from: &mut Bytes<'a>) -> Result<Element<'a>, String> {
     let first = from.word()?;
-    // Up to four bytes are in the tag itself, and their number is next to the type.
+    // Up to four bytes are stored in the tag itself, and their number is stored next to the type.
     let small = (first >> 16) as usize;
     if small > 0 {
         let data = from.take(4)?;
@@ -93,7 +94,7 @@ fn top_level(file: &mut Bytes) -> Result<Found, String> {
     }
 }
 
-/// A compressed element as it was. It must come out as long as its own tag says.
+/// Decompresses an element. The result must be as long as its own tag states.
 fn inflated(data: &[u8], big: bool) -> Result<Vec<u8>, String> {
     let corrupt = |e: std::io::Error| format!("its compressed data are corrupt: {e}");
     let mut decoder = ZlibDecoder::new(data);
@@ -114,7 +115,7 @@ fn inflated(data: &[u8], big: bool) -> Result<Vec<u8>, String> {
     Ok(whole)
 }
 
-/// A matrix.
+/// Reads a matrix.
 fn variable(data: &[u8], big: bool) -> Result<Found, String> {
     let mut parts = Bytes { rest: data, big };
     let flags = expect(&mut parts, UINT32, "flags")?;
@@ -136,15 +137,15 @@ fn dimensions(data: &[u8], big: bool) -> Result<Vec<usize>, String> {
     Ok(sizes.into_iter().map(|size| size as usize).collect())
 }
 
-/// The next element, which must be of one type.
+/// Reads the next element, which must have the given type.
 fn expect<'a>(parts: &mut Bytes<'a>, kind: u32, what: &str) -> Result<&'a [u8], String> {
     let part = element(parts).map_err(|reason| format!("its {what}: {reason}"))?;
-    // Names may be stored in any encoding of text, and some programs write dimensions without a sign.
+    // Names may be stored in any text encoding, and some programs write dimensions as unsigned integers.
     let is_it = part.kind == kind || matches!((kind, part.kind), (INT8, 2 | 16) | (INT32, UINT32));
     if is_it { Ok(part.data) } else { Err(format!("type {} where its {what} is expected", part.kind)) }
 }
 
-/// The elements that a class requires after the name. `parts` must contain these and nothing else.
+/// Reads the elements that a class requires after the name. `parts` must contain these elements and nothing else.
 fn contents(mut parts: Bytes, class: u32, is_complex: bool, shape: &[usize]) -> Result<Contents, String> {
     let numeric = 1 + usize::from(is_complex);
     let (wanted, what) = match class {
@@ -168,7 +169,7 @@ fn contents(mut parts: Bytes, class: u32, is_complex: bool, shape: &[usize]) -> 
     if parts.rest.is_empty() { Ok(Contents::Other(what)) } else { Err(left_over(&parts)) }
 }
 
-/// Elements that the fields of a struct have, after those that name them.
+/// Reads the names of the fields of a struct, and returns the number of elements that follow for the fields.
 fn fields(parts: &mut Bytes, shape: &[usize]) -> Result<usize, String> {
     let width = Bytes { rest: expect(parts, INT32, "length of a field's name")?, big: parts.big }.word()? as usize;
     let names = expect(parts, INT8, "fields' names")?.len();
@@ -179,7 +180,7 @@ fn fields(parts: &mut Bytes, shape: &[usize]) -> Result<usize, String> {
     count(shape)?.checked_mul(fields).ok_or_else(|| "it is too large".to_string())
 }
 
-/// The numbers of a real array, whatever they are stored as.
+/// Reads the numbers of a real array, whatever their storage type is.
 fn numbers(mut parts: Bytes) -> Result<Vec<f64>, String> {
     let part = element(&mut parts)?;
     if !parts.rest.is_empty() {

@@ -1,22 +1,21 @@
 //! Plants with direct feedthrough: the input is advanced by one sample.
 //!
 //! The model of PLID is strictly proper: y_k depends on u_{k-1} and earlier inputs. A plant with direct feedthrough,
-//! such as force to acceleration, takes this form if u_{k+1} replaces u_k. A test decides whether this is needed: does
-//! y_k depend on u_k, given the past?
+//! such as from force to acceleration, takes this form if u_{k+1} replaces u_k. A test decides whether this is needed:
+//! does y_k depend on u_k, given the past?
 //!
-//! y_k is regressed on y_{k-1..k-L} of all outputs and u_{k-1..k-L} of all inputs, without and
-//! with u_k; the partial F-test compares the two (Draper and Smith, Applied Regression Analysis).
-//! Significance alone is not sufficient. In a long record any small effect is significant, such as crosstalk between
-//! converters, and if the input is measured with noise, u_k contains information on the true u_{k-1}. The feedthrough
-//! must therefore also be relevant in one of two ways: u_k explains at least [`RELEVANT_SHARE`] of the residual
-//! variance (below that, omitting it adds less than 2.6 % to the one-step error), or its direct part, coefficient times
-//! RMS of the input, is at least [`RELEVANT_WEIGHT`] of the output's RMS. The second criterion matters for smooth
-//! inputs: their present value is almost determined by their past, and the one-step error hides what a free run would
-//! show.
+//! y_k is regressed on y_{k-1..k-L} of all outputs and u_{k-1..k-L} of all inputs, without and with u_k; the partial
+//! F-test compares the two (Draper and Smith, Applied Regression Analysis). Significance alone is not sufficient. In a
+//! long record, any small effect is significant, such as cross-talk between converters, and if the input is measured
+//! with noise, u_k contains information on the true u_{k-1}. The feedthrough must therefore also be relevant in one of
+//! two ways. Either u_k explains at least [`RELEVANT_SHARE`] of the residual variance (below that, omitting u_k adds
+//! less than 2.6 % to the one-step error), or its direct part, coefficient times RMS of the input, is at least
+//! [`RELEVANT_WEIGHT`] of the output's RMS. The second criterion matters for smooth inputs. Their present value is
+//! almost determined by their past, and the one-step error hides what a free run would show.
 //!
-//! The test errs towards "no". If the rate is far above the band and input and output are noisy, a feedthrough that
-//! accounts for a quarter of the output can be missed, because noise biases the coefficient towards zero. In this case
-//! knowledge of the plant should decide: accelerations respond to forces at once.
+//! The test errs towards "no". If the sample rate is far above the band, and input and output are noisy, a feedthrough
+//! that accounts for a quarter of the output can be missed, because noise biases the coefficient towards zero. In this
+//! case, knowledge of the plant should decide: accelerations respond to forces at once.
 use super::Segment;
 use crate::{Record, Warning};
 use nalgebra::DMatrix;
@@ -25,19 +24,20 @@ use plid_model::signal::mean;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-/// Least share of the residual variance that u_k must explain.
+/// Smallest share of the residual variance that u_k must explain.
 pub const RELEVANT_SHARE: f64 = 0.05;
-/// Least RMS of an input's direct part over that of the output.
+/// Smallest ratio of the RMS of an input's direct part to the RMS of the output.
 pub const RELEVANT_WEIGHT: f64 = 0.1;
 /// Largest p-value, before it is divided by the number of outputs or pairs that are tested.
 pub const SIGNIFICANT: f64 = 1e-6;
-/// Lags of the regression where the record affords them.
+/// Number of lags of the regression, if the record is long enough.
 pub const LAGS: usize = 20;
 /// Maximum number of regressors, beyond which the lags are reduced to keep the test fast.
 const MOST_REGRESSORS: usize = 400;
-/// An input whose present is known from its past to this relative precision cannot be tested.
+/// Relative precision to which an input's present may be known from its past. A more predictable input cannot be
+/// tested.
 const NOVELTY: f64 = 1e-8;
-/// An output that is known from the past to this relative precision needs nothing more.
+/// Relative precision below which an output counts as fully predicted by the past.
 const PREDICTED: f64 = 1e-8;
 /// Number of rows added to the triangular factor at a time.
 const BLOCK: usize = 4096;
@@ -75,13 +75,13 @@ pub struct OutputTest {
 pub struct AdvanceTest {
     /// Whether any output has direct feedthrough.
     pub answers_at_once: bool,
-    /// Lags L of the past.
+    /// Number of lags L of the past.
     pub lags: usize,
     /// Rows of the regression.
     pub rows: usize,
-    /// Each output with all inputs.
+    /// The tests of each output with all inputs.
     pub outputs: Vec<OutputTest>,
-    /// Each output with each input.
+    /// The tests of each output with each input.
     pub pairs: Vec<PairTest>,
 }
 
@@ -93,7 +93,7 @@ pub fn test(segments: &[Segment], input_names: &[String], output_names: &[String
     let (m, p) = (input_names.len(), output_names.len());
     let untested = |reason: String| Err(Warning::AdvanceUntested { reason });
     let samples: usize = segments.iter().map(|s| s.inputs.nrows()).sum();
-    // At least five rows a regressor.
+    // The regression needs at least five rows per regressor.
     let affordable = (samples / 5).min(MOST_REGRESSORS).saturating_sub(m) / (m + p).max(1);
     let lags = affordable.min(LAGS);
     if lags < 2 {
@@ -110,9 +110,9 @@ pub fn test(segments: &[Segment], input_names: &[String], output_names: &[String
             return untested(format!("input `{name}` follows from the past samples"));
         }
     }
-    // Length of a whole column, which is its RMS up to a common factor.
+    // The length of a whole column is its RMS up to a common factor.
     let size = |j: usize| norm(j, 0);
-    // The factor's corner holds what the past leaves unexplained: of u_k, and of y_k along it.
+    // The corner of the factor contains the parts that the past leaves unexplained: of u_k, and of y_k along u_k.
     let novel_u = factor.view((past, past), (m, m)).into_owned();
     let along_u = factor.view((past, past + m), (m, p)).into_owned();
     let (Some(inverse), Some(coefficients)) = (novel_u.clone().try_inverse(), novel_u.solve_upper_triangular(&along_u))
@@ -155,7 +155,7 @@ pub fn test(segments: &[Segment], input_names: &[String], output_names: &[String
     Ok(AdvanceTest { answers_at_once: by_share || by_weight, lags, rows, outputs, pairs })
 }
 
-/// Probability of a partial R^2 at least as large without any effect.
+/// Returns the probability of a partial R^2 at least as large if there is no effect.
 fn p_value(partial_r2: f64, effects: f64, freedom: f64) -> f64 {
     let f = partial_r2 / effects / ((1.0 - partial_r2) / freedom);
     if f.is_infinite() {
@@ -164,9 +164,9 @@ fn p_value(partial_r2: f64, effects: f64, freedom: f64) -> f64 {
     FisherSnedecor::new(effects, freedom).map_or(1.0, |law| law.sf(f.max(0.0)))
 }
 
-/// Upper triangular factor of [past | u_k | y_k] with a row a sample, and the number of rows.
+/// Returns the upper triangular factor of [past | u_k | y_k], with one row per sample, and the number of rows.
 ///
-/// Block by block (R of [R; rows] by Householder QR), so that a long record needs little memory.
+/// The factor is updated block by block (R of [R; rows] by Householder QR), so that a long record needs little memory.
 fn triangular_factor(segments: &[Segment], lags: usize) -> (DMatrix<f64>, usize) {
     let m = segments.first().map_or(0, |s| s.inputs.ncols());
     let p = segments.first().map_or(0, |s| s.outputs.ncols());
@@ -241,10 +241,10 @@ mod tests {
     #[derive(Clone, Copy, PartialEq, Debug)]
     enum Input {
         White,
-        /// White noise through two poles at 0.8.
+        /// White noise filtered by two poles at 0.8.
         Smooth,
-        /// White noise through six zeros at the Nyquist frequency and four poles, as an
-        /// anti-alias filter shapes it: no finite past whitens it.
+        /// White noise filtered by six zeros at the Nyquist frequency and four poles, as an anti-alias filter shapes
+        /// it. No finite past whitens it.
         BandLimited,
     }
 
@@ -270,8 +270,8 @@ mod tests {
         }
     }
 
-    /// A resonance with a lightly damped pole pair, y = b(q) / a(q) u + direct * u, with white
-    /// noise of `noise` times the output's RMS either on the output or within the recursion.
+    /// Tests a plant with a lightly damped pole pair, y = b(q) / a(q) u + direct * u, with white noise of `noise` times
+    /// the output's RMS, either on the output or within the recursion.
     fn plant(seed: u64, kind: Input, direct: f64, noise: f64, on_output: bool) -> AdvanceTest {
         let samples = 8000;
         let mut g = Gaussian::new(seed);
@@ -289,7 +289,7 @@ mod tests {
         let y: Vec<f64> = if on_output {
             clean.iter().zip(&white).map(|(x, e)| x + noise * size * e).collect()
         } else {
-            // The resonance amplifies what enters the recursion about sixfold.
+            // The resonance amplifies noise within the recursion about sixfold.
             respond(&white.iter().map(|e| noise * size / 6.0 * e).collect::<Vec<_>>())
         };
         let y: Vec<f64> = y.iter().zip(&u).map(|(y, u)| y + direct * u).collect();
@@ -315,7 +315,7 @@ mod tests {
     fn feed_through_is_found() {
         for kind in [Input::White, Input::Smooth, Input::BandLimited] {
             for (noise, on_output) in NOISES {
-                // There the standard error of the coefficient is larger than itself.
+                // In that case, the standard error of the coefficient is larger than the coefficient itself.
                 if kind == Input::BandLimited && noise > 0.1 {
                     continue;
                 }
@@ -330,12 +330,12 @@ mod tests {
         }
     }
 
-    /// Noise over the output's RMS, and whether it is on the output or within the recursion.
+    /// The ratio of the noise to the output's RMS, and whether the noise is on the output or within the recursion.
     const NOISES: [(f64, bool); 5] = [(0.0, true), (0.01, true), (0.3, true), (0.01, false), (0.3, false)];
 
     #[test]
     fn a_trace_is_significant_but_not_relevant() {
-        // A twentieth of the input: 0.25 % of the residual variance.
+        // The direct part is a twentieth of the input, which explains 0.25 % of the residual variance.
         let mut g = Gaussian::new(1);
         let u = Array2::from_shape_simple_fn((50_000, 1), || g.draw());
         let mut y = Array2::zeros((50_000, 1));
@@ -363,7 +363,7 @@ mod tests {
             assert_eq!(pair.p_value < 1e-6, answers, "{pair:?}");
             if answers {
                 assert!((pair.coefficient - 2.0).abs() < 0.02);
-                // 2^2 over 2^2 + 0.1^2.
+                // The exact share is 2^2 over 2^2 + 0.1^2.
                 assert!((pair.partial_r2 - 4.0 / 4.01).abs() < 1e-3);
             }
         }
@@ -398,8 +398,8 @@ mod tests {
         assert_eq!(moved.outputs, array![[4.0], [5.0]]);
     }
 
-    /// A multisine of 2 to 15 Hz at 400 Hz, held over each sample, into three modes; input and
-    /// output are measured with noise, relative to their RMS.
+    /// Tests an oversampled plant. A multisine of 2 to 15 Hz at 400 Hz, held over each sample, excites three modes.
+    /// Input and output are measured with noise, relative to their RMS.
     fn oversampled(seed: u64, velocity: bool, input_noise: f64, output_noise: f64) -> AdvanceTest {
         let (samples, period) = (16_384, 8192);
         let mut g = Gaussian::new(seed);
@@ -432,7 +432,7 @@ mod tests {
 
     #[test]
     fn noise_on_an_oversampled_input_does_not_look_like_an_answer() {
-        // A noisy u_k helps to tell what u_{k-1} truly was: significant, but no direct part.
+        // A noisy u_k improves the estimate of the true u_{k-1}: it is significant, but has no direct part.
         for velocity in [false, true] {
             for (input_noise, output_noise) in [(0.001, 0.001), (0.01, 0.001), (0.03, 0.003)] {
                 for seed in 200..203 {

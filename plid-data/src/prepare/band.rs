@@ -6,7 +6,7 @@ use plid_model::signal::mean;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// The frequencies between which 99 % of a channel's power lies, half a percent beyond each.
+/// The frequency band with 99 % of a channel's power. Half a per cent of the power lies on either side of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Band {
     /// The channel.
@@ -21,11 +21,11 @@ pub struct Band {
 const NARROW: f64 = 0.2;
 /// The rate is high if the data are below this share of it.
 const OVERSAMPLED: f64 = 0.125;
-/// Suggested rate over the upper edge of the band: the anti-alias filter passes 0.4 of the new
-/// rate, and a quarter more leaves room for what the edge leaves out.
+/// Ratio of the suggested rate to the upper edge of the band. The anti-alias filter passes frequencies up to 0.4 of the
+/// new rate, and a quarter more leaves room for the power beyond the edge.
 const RATE_OVER_BAND: f64 = 3.125;
 
-/// Bands of inputs and of outputs.
+/// Returns the bands of the inputs and of the outputs.
 pub fn bands(segments: &[Segment], input_names: &[String], output_names: &[String], rate_hz: f64) -> [Vec<Band>; 2] {
     let inputs = input_names
         .iter()
@@ -38,10 +38,10 @@ pub fn bands(segments: &[Segment], input_names: &[String], output_names: &[Strin
     [inputs.collect(), outputs.collect()]
 }
 
-/// Warns of narrow inputs, and of a rate that is high against the band of the data.
+/// Returns warnings about narrow inputs, and about a rate that is high compared with the band of the data.
 ///
-/// A model is learnt only where there is power both in the inputs and in the outputs, so the
-/// band of the data is the lower of the widest input's and the widest output's.
+/// A model can be identified only where both the inputs and the outputs have power, so the band of the data is the
+/// lower one of the widest input's and the widest output's.
 pub fn warnings(inputs: &[Band], outputs: &[Band], rate_hz: f64) -> Vec<Warning> {
     let nyquist = rate_hz / 2.0;
     let mut warnings: Vec<Warning> = inputs
@@ -64,8 +64,8 @@ pub fn oversampled(inputs: &[Band], outputs: &[Band], rate_hz: f64) -> Option<(f
     high.then(|| (band_hz, (rate_hz / (RATE_OVER_BAND * band_hz)).floor().max(1.0)))
 }
 
-/// From the longest part: the accumulated power of its spectrum. A channel that is constant has
-/// the band from 0 to 0 Hz.
+/// Computes the band from the accumulated power spectrum of the longest part. A constant channel has the band from 0 to
+/// 0 Hz.
 fn band<'a>(channel: &str, parts: impl Iterator<Item = ArrayView1<'a, f64>>, rate_hz: f64) -> Band {
     let power = parts.max_by_key(|part| part.len()).map(periodogram).unwrap_or_default();
     let total: f64 = power.iter().sum();
@@ -75,7 +75,7 @@ fn band<'a>(channel: &str, parts: impl Iterator<Item = ArrayView1<'a, f64>>, rat
             sum += p;
             sum >= share * total
         });
-        // Lines go from 0 to the Nyquist frequency.
+        // The lines go from 0 to the Nyquist frequency.
         let lines = power.len().saturating_sub(1).max(1);
         line.unwrap_or(0) as f64 * rate_hz / 2.0 / lines as f64
     };
@@ -83,10 +83,10 @@ fn band<'a>(channel: &str, parts: impl Iterator<Item = ArrayView1<'a, f64>>, rat
     Band { channel: channel.into(), low_hz, high_hz }
 }
 
-/// Power at the lines from 0 to the Nyquist frequency, about the mean and under a Hann window;
-/// missing samples count as the mean.
+/// Returns the power at the lines from 0 to the Nyquist frequency. The mean is subtracted, a Hann window is applied,
+/// and missing samples count as the mean.
 fn periodogram(values: ArrayView1<f64>) -> Vec<f64> {
-    // An even number of samples puts a line on the Nyquist frequency.
+    // With an even number of samples, one line is at the Nyquist frequency.
     let samples = values.len() / 2 * 2;
     if samples == 0 {
         return Vec::new();
@@ -115,7 +115,7 @@ mod tests {
         vec![name.into()]
     }
 
-    /// Sines from `low` to `high` Hz at 400 Hz, in steps of 0.5 Hz, of random phase.
+    /// Returns sines from `low` to `high` Hz, in steps of 0.5 Hz, with random phases and sampled at 400 Hz.
     fn multisine(low: f64, high: f64) -> Array2<f64> {
         let mut g = Gaussian::new(4);
         let tones: Vec<(f64, f64)> =
@@ -154,7 +154,7 @@ mod tests {
         assert!((inputs[0].low_hz - 1.0).abs() < 0.5, "{inputs:?}");
         assert!((inputs[0].high_hz - 199.0).abs() < 0.5, "{inputs:?}");
         assert_eq!(warnings, []);
-        // White excitation of a slow plant: the output decides.
+        // A slow plant has white excitation, so the output decides.
         let u = u.slice(ndarray::s![..8000, ..]).to_owned();
         let (_, warnings) = found(&u, &multisine(1.0, 10.0));
         assert!(matches!(warnings[..], [Warning::Oversampled { .. }]), "{warnings:?}");

@@ -14,7 +14,7 @@ pub struct Preparation {
     /// Decimate to this rate in Hz, an integer fraction of the data's rate. Without it there is no decimation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decimate_to_hz: Option<f64>,
-    /// The trend removed from every channel: `none`, `mean` (the default) or `linear`.
+    /// The trend that is removed from every channel: `none`, `mean` (the default) or `linear`.
     pub trend: Trend,
     /// Replace u_k by u_{k+1}: `"auto"` (the default, decided by a test), 0 (no) or 1 (yes).
     pub advance: Advance,
@@ -23,7 +23,7 @@ pub struct Preparation {
 }
 
 impl Preparation {
-    /// Returns the key of a step that is not possible for a record that is read in blocks.
+    /// Returns the key of a requested step that is not possible for a record that is read in blocks.
     pub fn not_in_blocks(&self) -> Option<&'static str> {
         let steps = [
             ("repeats", self.repeats.is_some()),
@@ -34,11 +34,11 @@ impl Preparation {
     }
 }
 
-/// Samples by which the input is advanced.
+/// The number of samples by which the input is advanced.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "AdvanceWord", into = "AdvanceWord")]
 pub enum Advance {
-    /// One if the plant is found to answer within the sample, else none.
+    /// One if the test finds direct feedthrough, and otherwise none.
     #[default]
     Auto,
     /// None.

@@ -7,22 +7,22 @@ use serde::{Deserialize, Serialize};
 pub struct ConverterStep {
     /// Quantum q in the channel's units.
     pub step: f64,
-    /// Variance of the rounding to it, q^2 / 12.
+    /// Variance of the rounding to this step, q^2 / 12.
     pub variance: f64,
-    /// Distinct values in the data.
+    /// Number of distinct values in the data.
     pub codes: usize,
 }
 
 /// Finds the smallest common step of the values of a channel.
 ///
-/// Returns `None` if no step is visible: the most frequent distance of neighbouring values must be one step, and all
-/// others must be multiples of it to within a tenth of a step. Data that are merely printed with few digits fail this
-/// test, unless their step is the same at all magnitudes.
+/// Returns `None` if no step is visible: the median distance between neighbouring values must be one step, and all
+/// values must lie on multiples of it to within a tenth of a step. Data that are merely printed with few digits fail
+/// this test, unless their step is the same at all magnitudes.
 pub fn converter_step(values: ArrayView1<f64>) -> Option<ConverterStep> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
     let (low, high) = (*sorted.first()?, *sorted.last()?);
-    // Values that differ by arithmetic only are one.
+    // Values that differ only by rounding errors of the arithmetic count as one value.
     let same = 1e-12 * (high - low).max(low.abs()).max(high.abs());
     sorted.dedup_by(|a, b| *a - *b <= same);
     let mut gaps: Vec<f64> = sorted.windows(2).map(|w| w[1] - w[0]).collect();
@@ -31,7 +31,7 @@ pub fn converter_step(values: ArrayView1<f64>) -> Option<ConverterStep> {
     }
     gaps.sort_by(f64::total_cmp);
     let usual = gaps[gaps.len() / 2];
-    // Codes are counted gap by gap, so a small error of the usual gap does not add up.
+    // Codes are counted gap by gap, so that a small error of the usual gap does not accumulate.
     let mut code = 0.0;
     let codes: Vec<f64> = std::iter::once(0.0)
         .chain(sorted.windows(2).map(|w| {
@@ -69,7 +69,7 @@ mod tests {
     fn the_step_of_a_12_bit_converter_is_found() {
         let step = 10.0 / 4096.0;
         let exact = gaussian(20_000).mapv(|v| (v / step).round() * step + 0.0123);
-        // The same as a file with six decimals holds it.
+        // These are the same values as a file with six decimals contains them.
         let printed = exact.mapv(|v| (v * 1e6).round() / 1e6);
         for values in [exact, printed] {
             let found = converter_step(values.view()).unwrap();

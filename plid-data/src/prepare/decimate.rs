@@ -1,10 +1,10 @@
-//! Decimation behind a linear-phase anti-alias filter.
+//! Decimation after a linear-phase anti-alias filter.
 //!
 //! The filter is a sinc with a Kaiser window (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.5.3). It passes
 //! frequencies up to 0.8 of the new Nyquist frequency and attenuates those above the new Nyquist frequency by at least
-//! 60 dB, which prevents aliasing. It is symmetric about each kept sample, so it causes no delay, and it is the same
-//! for inputs and outputs, so it preserves their relation. Samples whose filter would extend beyond the record are
-//! dropped at both ends.
+//! 60 dB, which prevents aliasing. The filter is symmetric about each kept sample, so it causes no delay. It is the
+//! same for inputs and outputs, so it preserves their relation. Samples for which the filter would extend beyond the
+//! record are dropped at both ends.
 use super::PrepareError;
 use crate::{Record, Warning};
 use ndarray::{Array2, ArrayView1, ArrayView2};
@@ -19,20 +19,20 @@ const ATTENUATION_DB: f64 = 70.0;
 /// The parameters of a decimation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Decimation {
-    /// Rate before, in Hz.
+    /// Sample rate before decimation, in Hz.
     pub from_hz: f64,
-    /// Rate after, in Hz.
+    /// Sample rate after decimation, in Hz.
     pub to_hz: f64,
     /// One sample in `ratio` is kept.
     pub ratio: usize,
-    /// Samples that are dropped at either end: half the filter's length.
+    /// Number of samples that are dropped at each end: half the filter's length.
     pub edge: usize,
 }
 
 /// Plans the decimation from one rate to another.
 ///
 /// # Errors
-/// Returns an error if the ratio is not an integer to within 0.1 %; it names the nearest rates.
+/// Returns an error if the ratio is not an integer to within 0.1 %. The error names the nearest possible rates.
 pub fn plan(from_hz: f64, to_hz: f64) -> Result<Decimation, PrepareError> {
     if !(to_hz > 0.0 && to_hz.is_finite()) || to_hz > from_hz * 1.001 {
         return Err(PrepareError::DecimationRate { from_hz, to_hz });
@@ -56,12 +56,12 @@ pub fn plan(from_hz: f64, to_hz: f64) -> Result<Decimation, PrepareError> {
     })
 }
 
-/// Applies a planned decimation; `number` is that of the record, from 1, for messages.
+/// Applies a planned decimation. `number` is the number of the record, from 1, for messages.
 ///
-/// A filtered sample is missing (NaN) if any sample under the filter is; [`masked`] counts these.
+/// A filtered sample is missing (NaN) if any sample under the filter is missing; [`masked`] counts these samples.
 ///
 /// # Errors
-/// Returns [`PrepareError::TooShort`] if the record is not longer than the filter.
+/// Returns [`PrepareError::TooShort`] if fewer than two samples would remain.
 pub fn decimate(record: &Record, plan: &Decimation, number: usize) -> Result<Record, PrepareError> {
     if plan.ratio == 1 {
         return Ok(record.clone());
@@ -84,8 +84,8 @@ pub fn decimate(record: &Record, plan: &Decimation, number: usize) -> Result<Rec
     })
 }
 
-/// Says for each output with missing samples how many samples the filter masked; `number` is that of the record,
-/// from 1.
+/// Returns a warning for each output with missing samples, which states the number of samples that the filter masked.
+/// `number` is the number of the record, from 1.
 pub fn masked(raw: &Record, decimated: &Record, number: usize) -> Vec<Warning> {
     let missing = |column: ArrayView1<f64>| column.iter().filter(|x| x.is_nan()).count();
     let channels = decimated.output_names.iter().zip(raw.outputs.columns()).zip(decimated.outputs.columns());
@@ -101,13 +101,13 @@ pub fn masked(raw: &Record, decimated: &Record, number: usize) -> Vec<Warning> {
         .collect()
 }
 
-/// Half the length of the filter, by Kaiser's formula.
+/// Returns half the length of the filter, by Kaiser's formula.
 fn half_length(ratio: usize) -> usize {
     let transition = (1.0 - PASS) * PI / ratio as f64;
     ((ATTENUATION_DB - 7.95) / (2.285 * transition) / 2.0).ceil() as usize
 }
 
-/// The symmetric filter, its middle at `half_length`; its gain at zero frequency is one.
+/// Returns the symmetric filter, whose middle is at `half_length`. Its gain at zero frequency is one.
 fn taps(ratio: usize) -> Vec<f64> {
     let half = half_length(ratio) as i64;
     let beta = 0.1102 * (ATTENUATION_DB - 8.7);
@@ -124,7 +124,7 @@ fn taps(ratio: usize) -> Vec<f64> {
     raw.iter().map(|tap| tap / sum).collect()
 }
 
-/// Modified Bessel function of the first kind and order zero, by its power series.
+/// Computes the modified Bessel function of the first kind and order zero by its power series.
 fn bessel_i0(x: f64) -> f64 {
     let mut term = 1.0;
     let mut sum = 1.0;
@@ -156,7 +156,8 @@ mod tests {
     use super::*;
     use ndarray::Array2;
 
-    /// A sine of amplitude 1 as input, and the same delayed by one raw sample as output.
+    /// Returns a record with a sine of amplitude 1 as its input, and the same sine delayed by one raw sample as its
+    /// output.
     fn sine(hz: f64, samples: usize) -> Record {
         let at = |k: f64| (2.0 * PI * hz * k / 400.0 + 0.3).sin();
         Record {

@@ -13,7 +13,7 @@ pub enum PrepareError {
     /// The shares of training data do not fit the records.
     #[error("training shares {shares:?} do not fit {records} records: one share from 0 to 1 for each, not all 0")]
     TrainingShares {
-        /// As given.
+        /// The shares as given.
         shares: Vec<f64>,
         /// Number of records.
         records: usize,
@@ -23,7 +23,7 @@ pub enum PrepareError {
     DecimationRate {
         /// Rate of the data in Hz.
         from_hz: f64,
-        /// Rate asked for in Hz.
+        /// Requested rate in Hz.
         to_hz: f64,
     },
     /// The rate to decimate to is not an integer fraction of the rate of the data.
@@ -31,7 +31,7 @@ pub enum PrepareError {
     DecimationRatio {
         /// Rate of the data in Hz.
         from_hz: f64,
-        /// Rate asked for in Hz.
+        /// Requested rate in Hz.
         to_hz: f64,
         /// Nearest possible rate below.
         below_hz: f64,
@@ -43,17 +43,17 @@ pub enum PrepareError {
     TooShort {
         /// Number of the record, from 1.
         record: usize,
-        /// Its samples.
+        /// Number of its samples.
         samples: usize,
-        /// The step.
+        /// Name of the step.
         step: &'static str,
-        /// Samples needed.
+        /// Smallest number of samples that the step needs.
         needed: usize,
     },
     /// There are fewer than two repeats.
     #[error("averaging needs at least two repeats; there are {found}")]
     TooFewRepeats {
-        /// Repeats found.
+        /// Number of repeats found.
         found: usize,
     },
     /// Repeats of different lengths.
@@ -61,12 +61,12 @@ pub enum PrepareError {
     RepeatLength {
         /// Number of the repeat, from 1.
         repeat: usize,
-        /// Its samples.
+        /// Number of its samples.
         samples: usize,
-        /// Samples of the first repeat.
+        /// Number of samples of the first repeat.
         expected: usize,
     },
-    /// The input of a repeat is not that of the others.
+    /// The input of a repeat differs from that of the others.
     #[error(
         "input `{channel}` does not repeat: repeat {repeat} differs from the mean by {difference:.2e} of its RMS, \
          {tolerance:.2e} is allowed"
@@ -91,18 +91,18 @@ pub enum PrepareError {
         /// The limit.
         limit: f64,
     },
-    /// A step that needs the whole record, for a record that is read in blocks.
+    /// A step that needs the whole record was requested for a record that is read in blocks.
     #[error("a record that is read in blocks cannot be prepared with `{step}`")]
     NotInBlocks {
         /// The key of the step.
         step: &'static str,
     },
-    /// Too few complete samples for a covariance of the noise.
+    /// There are too few complete samples for a covariance of the noise.
     #[error("{samples} complete samples are too few for the noise covariance of {outputs} outputs")]
     TooFewForNoise {
-        /// Samples without a gap.
+        /// Number of samples without a missing value.
         samples: usize,
-        /// Outputs.
+        /// Number of outputs.
         outputs: usize,
     },
 }

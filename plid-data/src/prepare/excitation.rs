@@ -7,7 +7,8 @@ use crate::Warning;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// An eigenvalue this far below the largest counts as zero: rounding leaves about 1e-15.
+/// Ratio of an eigenvalue to the largest one below which the eigenvalue counts as zero. Rounding errors leave about
+/// 1e-15.
 const ZERO: f64 = 1e-11;
 /// Condition number above which estimates depend on directions that are dominated by noise.
 const ILL_CONDITIONED: f64 = 1e8;
@@ -19,7 +20,7 @@ pub struct Excitation {
     pub order: usize,
     /// Number of consecutive samples examined.
     pub depth: usize,
-    /// Largest over smallest eigenvalue of their covariance; infinite below full order.
+    /// Ratio of the largest to the smallest eigenvalue of their covariance; infinite below full order.
     pub condition: f64,
 }
 
@@ -36,7 +37,7 @@ impl Excitation {
     }
 }
 
-/// Order of persistent excitation up to `depth`, each input taken at unit RMS.
+/// Computes the order of persistent excitation up to `depth`. Each input is scaled to unit RMS.
 ///
 /// Windows do not cross records. The depth is reduced if there are fewer windows than m * depth directions.
 pub fn excitation(segments: &[Segment], depth: usize) -> Excitation {
@@ -46,7 +47,7 @@ pub fn excitation(segments: &[Segment], depth: usize) -> Excitation {
         windows >= m * d
     };
     let possible = (0..=depth).rev().find(|&d| enough(d)).unwrap_or(0);
-    // The smallest eigenvalue falls with the depth (interlacing), so bisection finds the order.
+    // The smallest eigenvalue falls with the depth (interlacing), so that bisection finds the order.
     let (mut order, mut too_deep) = (0, possible + 1);
     while too_deep - order > 1 {
         let middle = (order + too_deep) / 2;
@@ -59,7 +60,8 @@ pub fn excitation(segments: &[Segment], depth: usize) -> Excitation {
     Excitation { order, depth, condition: if order == depth { spread(segments, depth) } else { f64::INFINITY } }
 }
 
-/// Largest over smallest eigenvalue of the block Hankel covariance; infinite if that is zero.
+/// Returns the ratio of the largest to the smallest eigenvalue of the block Hankel covariance; infinite if the smallest
+/// one is zero.
 fn spread(segments: &[Segment], depth: usize) -> f64 {
     let m = segments.first().map_or(0, |s| s.inputs.ncols());
     if depth == 0 || m == 0 {
@@ -76,7 +78,7 @@ fn spread(segments: &[Segment], depth: usize) -> f64 {
             continue;
         };
         let u = |k: usize, j: usize| segment.inputs[[k, j]] / scales[j];
-        // Down a diagonal of blocks, the windows of both factors move on by one sample.
+        // From one block to the next along a diagonal of blocks, the windows of both factors move on by one sample.
         for lag in 0..depth {
             for a in 0..m {
                 for b in 0..m {

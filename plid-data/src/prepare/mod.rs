@@ -1,10 +1,10 @@
 //! Preparation of records before identification, and conversion back to the data's units.
 //!
-//! [`prepare`] runs the steps that a [`Preparation`] asks for, in this order:
-//! 1. repeats of one input are averaged, so that all that follows has less noise;
-//! 2. decimation behind a linear-phase filter;
+//! [`prepare`] runs the steps that a [`Preparation`] requests, in this order:
+//! 1. repeats of one input are averaged, which reduces the noise in all that follows;
+//! 2. the rate is reduced by decimation after a linear-phase filter;
 //! 3. means or straight lines are removed;
-//! 4. the input is advanced by a sample where the plant answers at once;
+//! 4. the input is advanced by one sample if the plant has direct feedthrough;
 //! 5. channels are scaled.
 //!
 //! All estimates in these steps (means, lines, feedthrough, scales, bands) use the training parts only.
@@ -40,18 +40,19 @@ mod real_files;
 #[cfg(test)]
 mod test_plants;
 
-/// Records ready for identification, with everything required to convert back to the data's units.
+/// Records that are ready for identification, with everything that is required to convert results back to the data's
+/// units.
 #[derive(Debug, Clone)]
 pub struct Prepared {
     /// The records.
     pub records: Vec<Record>,
-    /// For each record, how many of its first samples are for training.
+    /// For each record, the number of its leading samples for training.
     pub training: Vec<usize>,
     /// Time in s from the first sample of a record as given to its first output sample here.
     pub start_s: f64,
     /// Samples by which the input was advanced: 0 or 1.
     pub advanced: usize,
-    /// For each record the outputs (p, prepared as the others) of the last sample, which an advanced input does not
+    /// For each record, the outputs (p, prepared like the others) of the last sample, which an advanced input does not
     /// reach.
     pub last_outputs: Vec<Option<Vec<f64>>>,
     /// The test for direct feedthrough, if it was requested and possible.
@@ -62,20 +63,20 @@ pub struct Prepared {
     pub input_scales: Vec<f64>,
     /// The divisor of each output.
     pub output_scales: Vec<f64>,
-    /// Noise covariance of a single repeat, in the data's units, and the number of repeats
-    /// averaged; for each record that comes from repeats. Estimated before any decimation.
+    /// Noise covariance of a single repeat, in the data's units squared, and the number of repeats averaged, for each
+    /// record that comes from repeats. The covariance is estimated before any decimation.
     pub repeat_noise: Vec<(NoiseCovariance, usize)>,
     /// Bands of the inputs and of the outputs.
     pub bands: [Vec<Band>; 2],
     /// The steps.
     pub steps: Vec<Step>,
-    /// The warnings for the reader.
+    /// The warnings for the reader of a report.
     pub warnings: Vec<Warning>,
 }
 
 /// Prepares records. `training_shares` holds the leading share of each record that is used for training.
 ///
-/// Records that are averaged into one have the share of the first.
+/// A record that is averaged from several records has the training share of the first record.
 ///
 /// # Errors
 /// Returns an error if the records differ in channels or rate, or if a step is not possible.
@@ -106,7 +107,7 @@ pub fn prepare(
     last_steps((records, training), preparation, before, remove, scale)
 }
 
-/// What the first steps of the preparation found.
+/// The results of the first steps of the preparation.
 struct Before {
     repeat_noise: RepeatNoise,
     start_s: f64,
@@ -117,8 +118,8 @@ struct Before {
 /// The lines removed from the inputs and from the outputs of each record.
 type Lines = Vec<[Vec<Line>; 2]>;
 
-/// The steps after averaging and decimation. `remove` removes trends and returns them; `scale`, which is told whether
-/// inputs were advanced, divides the channels and returns the divisors.
+/// Performs the steps after averaging and decimation. `remove` removes trends and returns them. `scale`, whose last
+/// argument is whether the inputs were advanced, divides the channels and returns the divisors.
 fn last_steps(
     (mut records, mut training): (Vec<Record>, Vec<usize>),
     preparation: &Preparation,
@@ -189,7 +190,7 @@ fn check_shares(training_shares: &[f64], records: usize) -> Result<(), PrepareEr
     Ok(())
 }
 
-/// Returns the test for direct feedthrough, if it was made, and whether inputs are advanced.
+/// Returns the test for direct feedthrough, if it was made, and whether the inputs are advanced.
 fn choose_advance(
     heads: &[Segment],
     [input_names, output_names]: [&[String]; 2],
@@ -238,7 +239,7 @@ fn average_repeats(
     Ok((averages, noise))
 }
 
-/// The records at the lower rate, and the time of their first samples in s.
+/// Returns the records at the lower rate, and the time of their first samples in s.
 fn decimate_all(
     records: Vec<Record>,
     preparation: &Preparation,
@@ -263,21 +264,21 @@ fn decimate_all(
 }
 
 impl Prepared {
-    /// Returns the factor by which the rate could be lower without loss; one if it is not high compared with the band
-    /// of the data.
+    /// Returns the factor by which the rate could be reduced without loss; one if the rate is not high compared with
+    /// the band of the data.
     pub fn oversampled_by(&self) -> usize {
         let [inputs, outputs] = &self.bands;
         band::oversampled(inputs, outputs, self.records[0].sample_rate_hz).map_or(1, |(_, factor)| factor as usize)
     }
 
-    /// Outputs of record `record` (from 0), from its sample `first` on, in the data's units.
-    /// Samples x p, measured or simulated.
+    /// Converts outputs of record `record` (from 0), from its sample `first` on, to the data's units. The outputs
+    /// (samples x p) are measured or simulated.
     pub fn outputs_in_units(&self, record: usize, first: usize, outputs: &Array2<f64>) -> Array2<f64> {
         self.in_units(record, 1, first, &self.output_scales, outputs)
     }
 
-    /// Inputs of record `record` (from 0), from its sample `first` on, in the data's units.
-    /// Samples x m. An advanced input stays advanced.
+    /// Converts inputs (samples x m) of record `record` (from 0), from its sample `first` on, to the data's units. An
+    /// advanced input stays advanced.
     pub fn inputs_in_units(&self, record: usize, first: usize, inputs: &Array2<f64>) -> Array2<f64> {
         self.in_units(record, 0, first + self.advanced, &self.input_scales, inputs)
     }
@@ -297,7 +298,7 @@ mod tests {
     use super::*;
     use test_plants::Gaussian;
 
-    /// y answers u at once, on a ramp, in other units.
+    /// Returns a record in other units and with a trend, whose outputs respond to the input at once.
     fn record(seed: u64, samples: usize) -> Record {
         let mut g = Gaussian::new(seed);
         let inputs = Array2::from_shape_fn((samples, 1), |(k, _)| 7.0 + 0.01 * k as f64 + g.draw());

@@ -7,9 +7,9 @@ use plid_model::signal::{mean, rms};
 /// An estimated covariance of the outputs' noise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoiseCovariance {
-    /// p x p, in the data's units squared.
+    /// Covariance (p x p) in the data's units squared.
     pub covariance: Array2<f64>,
-    /// Degrees of freedom behind it.
+    /// Number of degrees of freedom of the estimate.
     pub freedom: usize,
 }
 
@@ -17,7 +17,8 @@ impl NoiseCovariance {
     /// Computes the covariance from a sum of outer products.
     ///
     /// # Errors
-    /// Returns an error unless there are more degrees of freedom than outputs; the covariance would be singular.
+    /// Returns an error unless there are more degrees of freedom than outputs, because the covariance would otherwise
+    /// be singular.
     pub(super) fn new(sum: Array2<f64>, freedom: usize) -> Result<Self, PrepareError> {
         let outputs = sum.nrows();
         if freedom <= outputs {
@@ -26,16 +27,16 @@ impl NoiseCovariance {
         Ok(Self { covariance: sum / freedom as f64, freedom })
     }
 
-    /// RMS of the noise of each output: the noise floor of a single measurement.
+    /// Returns the RMS of the noise of each output, which is the noise floor of a single measurement.
     pub fn rms(&self) -> Vec<f64> {
         self.covariance.diag().mapv(f64::sqrt).to_vec()
     }
 }
 
-/// Covariance of the outputs about their means in a record without input.
+/// Estimates the covariance of the outputs about their means from a record without input.
 ///
-/// It contains everything that moves the outputs at rest: sensor noise and ambient disturbances. Inputs may have an RMS
-/// of `input_limit` about their means in their units, because a measured zero is noisy.
+/// The covariance contains everything that moves the outputs at rest: sensor noise and ambient disturbances. Because a
+/// measured zero is noisy, the inputs may have an RMS of `input_limit` about their means, in their units.
 ///
 /// # Errors
 /// Returns an error if an input is not zero, or if there are too few complete samples.
@@ -43,7 +44,7 @@ pub fn noise_from_zero_input(record: &Record, input_limit: f64) -> Result<NoiseC
     for (channel, column) in record.input_names.iter().zip(record.inputs.columns()) {
         let about = &column - mean(column);
         let size = rms(about.view());
-        // The mean of equal numbers is not quite that number.
+        // The mean of equal numbers may differ from them by rounding.
         let rounding = 1e-12 * rms(column);
         if size.is_nan() || size > input_limit + rounding {
             return Err(PrepareError::InputNotZero { channel: channel.clone(), rms: size, limit: input_limit });
@@ -98,7 +99,7 @@ mod tests {
     fn an_input_or_a_short_record_is_refused() {
         let mut record = at_rest(100);
         record.inputs[[50, 0]] += 1.0;
-        // One sample of 1 in 100: an RMS of 0.0995 about the mean.
+        // One sample of 1 in 100 has an RMS of 0.0995 about the mean.
         let error = noise_from_zero_input(&record, 0.05).unwrap_err();
         assert!(matches!(error, PrepareError::InputNotZero { .. }));
         assert!(noise_from_zero_input(&record, 0.1).is_ok());

@@ -1,4 +1,4 @@
-//! Preparation of public benchmark records, if they are available.
+//! Tests of the preparation with public benchmark records, if these are available.
 use super::*;
 use crate::real_file::real_file;
 use crate::{MissingPolicy, read, select};

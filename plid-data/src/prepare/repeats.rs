@@ -1,4 +1,4 @@
-//! Repeated records of one input: their average, and the noise estimated from their spread.
+//! Repeated records of one input: their average, and the noise that is estimated from their spread.
 use super::PrepareError;
 use super::noise::NoiseCovariance;
 use crate::{Record, require_alike};
@@ -6,11 +6,11 @@ use ndarray::{Array1, Array2, ArrayView1, s};
 use plid_model::signal::rms;
 use serde::{Deserialize, Serialize};
 
-/// How repeats are found in the data.
+/// The definition of the repeats in the data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Repeats {
-    /// Samples in a period of each record. Without it, the records are repeats of one another.
+    /// Number of samples in a period of each record. Without it, the records are repeats of one another.
     #[serde(default)]
     pub period: Option<usize>,
     /// Number of periods or records at the beginning that are left out because of the transient.
@@ -25,20 +25,20 @@ fn default_tolerance() -> f64 {
     0.01
 }
 
-/// The average of repeats and the noise estimated from their spread.
+/// The average of repeats, and the noise that is estimated from their spread.
 #[derive(Debug, Clone)]
 pub struct Averaged {
-    /// The mean over the repeats. A sample is missing if no repeat has it.
+    /// The mean over the repeats. A sample is missing if it is missing in all repeats.
     pub record: Record,
     /// Number of repeats.
     pub repeats: usize,
-    /// Noise of a single repeat. That of the average is `repeats` times smaller.
+    /// Noise of a single repeat. The covariance of the average's noise is `repeats` times smaller.
     pub noise: NoiseCovariance,
     /// The largest relative RMS difference between a repeat and the mean for each input.
     pub input_mismatch: Vec<f64>,
 }
 
-/// Cuts a record into periods; the first `skip` and an incomplete last one are left out.
+/// Cuts a record into periods. The first `skip` periods and an incomplete last one are left out.
 ///
 /// # Errors
 /// Returns an error if fewer than two periods remain.
@@ -63,8 +63,8 @@ pub fn periods(record: &Record, period: usize, skip: usize) -> Result<Vec<Record
 /// Averages repeats of one input.
 ///
 /// # Errors
-/// Returns an error if there are fewer than two, if they differ in channels, rate or length, or if the inputs do not
-/// repeat to within `tolerance`.
+/// Returns an error if there are fewer than two repeats, if they differ in channels, rate or length, or if the inputs
+/// do not repeat to within `tolerance`.
 pub fn average(repeats: &[Record], tolerance: f64) -> Result<Averaged, PrepareError> {
     let [first, _, ..] = repeats else {
         return Err(PrepareError::TooFewRepeats { found: repeats.len() });
@@ -83,8 +83,8 @@ pub fn average(repeats: &[Record], tolerance: f64) -> Result<Averaged, PrepareEr
     Ok(Averaged { noise: noise_from_repeats(repeats)?, record, repeats: repeats.len(), input_mismatch })
 }
 
-/// Covariance of the outputs' noise in a single repeat, from the spread about the mean of the
-/// repeats. Samples that some repeat lacks are left out.
+/// Estimates the covariance of the outputs' noise in a single repeat from the spread about the mean of the repeats.
+/// Samples that are missing in any repeat are left out.
 ///
 /// # Errors
 /// Returns an error if there are fewer than two repeats or too few complete samples.
@@ -111,14 +111,14 @@ pub fn noise_from_repeats(repeats: &[Record]) -> Result<NoiseCovariance, Prepare
         }
         complete += 1;
     }
-    // The mean of each sample takes one of its repeats.
+    // The mean over the repeats takes one degree of freedom of each sample.
     NoiseCovariance::new(sum, complete * (repeats.len() - 1))
 }
 
 fn mean_of(repeats: &[Record], side: fn(&Record) -> &Array2<f64>) -> Array2<f64> {
     Array2::from_shape_fn(side(&repeats[0]).dim(), |at| {
         let present: Vec<f64> = repeats.iter().map(|r| side(r)[at]).filter(|v| !v.is_nan()).collect();
-        // No value at all gives 0 / 0, which marks the sample as missing.
+        // If no repeat has a value, 0 / 0 gives NaN, which marks the sample as missing.
         present.iter().sum::<f64>() / present.len() as f64
     })
 }
@@ -149,7 +149,7 @@ mod tests {
     use super::*;
     use crate::prepare::test_plants::Gaussian;
 
-    /// Ten periods of one input; the outputs' noise has covariance [[0.04, 0.02], [0.02, 0.05]].
+    /// Returns ten periods of one input. The outputs' noise has the covariance [[0.04, 0.02], [0.02, 0.05]].
     fn record(input_noise: f64) -> Record {
         let mut g = Gaussian::new(7);
         let (period, repeats) = (500, 10);
@@ -179,7 +179,7 @@ mod tests {
         assert_eq!(averaged.repeats, 10);
         assert!(averaged.input_mismatch[0] < 1e-12);
         let c = &averaged.noise.covariance;
-        // 4500 degrees of freedom: a standard error of sqrt(2 / 4500) = 2 %.
+        // With 4500 degrees of freedom, the standard error is sqrt(2 / 4500) = 2 %.
         for (at, truth) in [([0, 0], 0.04), ([1, 1], 0.05), ([0, 1], 0.02), ([1, 0], 0.02)] {
             assert!((c[at] - truth).abs() < 0.004, "{at:?} {}", c[at]);
         }
@@ -211,7 +211,7 @@ mod tests {
         let error = average(&repeats, 0.01).unwrap_err().to_string();
         assert!(error.contains("input `u` does not repeat"), "{error}");
         assert!(average(&repeats, 0.1).is_ok());
-        // A wrong period.
+        // The period is wrong.
         assert!(average(&periods(&record(0.0), 499, 0).unwrap(), 0.1).is_err());
     }
 

@@ -8,16 +8,17 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scaling {
-    /// One.
+    /// All divisors are one.
     None,
-    /// Its RMS over the training parts of all records, which the initial covariance and the noise bank assume.
+    /// The divisor is the RMS over the training parts of all records. The initial covariance and the noise bank assume
+    /// this scaling.
     #[default]
     Rms,
 }
 
-/// Scales in place and returns the divisors of inputs and outputs in the data's units.
+/// Scales the records in place and returns the divisors of inputs and outputs in the data's units.
 ///
-/// A channel that is zero throughout keeps the divisor one.
+/// The divisor of a channel that is zero throughout is one.
 pub fn apply(records: &mut [Record], training: &[usize], scaling: Scaling) -> [Vec<f64>; 2] {
     let sides: [fn(&mut Record) -> &mut Array2<f64>; 2] = [|r| &mut r.inputs, |r| &mut r.outputs];
     sides.map(|side| {

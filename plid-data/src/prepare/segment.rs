@@ -5,13 +5,13 @@ use ndarray::{ArrayView2, s};
 /// Inputs and outputs of a stretch of samples.
 #[derive(Debug, Clone, Copy)]
 pub struct Segment<'a> {
-    /// K x m.
+    /// Inputs (K x m).
     pub inputs: ArrayView2<'a, f64>,
-    /// K x p, NaN where missing.
+    /// Outputs (K x p); NaN where a sample is missing.
     pub outputs: ArrayView2<'a, f64>,
 }
 
-/// The first `samples` samples of each record; records without any are left out.
+/// Returns the first `samples[k]` samples of each record k. Records without such samples are left out.
 pub fn heads<'a>(records: &'a [Record], samples: &[usize]) -> Vec<Segment<'a>> {
     records
         .iter()

@@ -1,22 +1,22 @@
-//! The preparation steps, for manifest and report.
+//! The preparation steps, for the manifest and the report.
 use super::decimate::Decimation;
 use serde::{Deserialize, Serialize};
 
-/// One step of preparation; `Display` says it in a sentence.
+/// One step of the preparation; `Display` states it in a sentence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(tag = "step", rename_all = "kebab-case")]
 pub enum Step {
     /// Repeats of one input were averaged.
     #[error("{repeats} repeats of {samples} samples were averaged ({skipped} left out at the start)")]
     Averaged {
-        /// Repeats that went into the average.
+        /// Number of repeats in the average.
         repeats: usize,
-        /// Samples of a repeat.
+        /// Number of samples of a repeat.
         samples: usize,
-        /// Repeats left out at the beginning.
+        /// Number of repeats that were left out at the beginning.
         skipped: usize,
     },
-    /// The rate was lowered.
+    /// The sample rate was reduced.
     #[error("decimated from {} to {} Hz after a linear-phase filter without delay; {} samples at each end are \
         lost", .0.from_hz, .0.to_hz, .0.edge)]
     Decimated(Decimation),
@@ -30,7 +30,7 @@ pub enum Step {
     #[error("the input was advanced by one sample, because the plant \
         {} to respond within the sample", if *.by_test { "was found" } else { "is declared" })]
     Advanced {
-        /// Whether a test decided it, or the config.
+        /// Whether a test or the config decided this.
         by_test: bool,
     },
     /// Channels were scaled.

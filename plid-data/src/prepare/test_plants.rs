@@ -3,7 +3,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Standard normal numbers by seed.
+/// A generator of standard normal numbers from a seed.
 pub(crate) struct Gaussian(ChaCha8Rng);
 
 impl Gaussian {

@@ -8,22 +8,22 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Trend {
-    /// Nothing.
+    /// No trend is removed.
     None,
     /// The mean over the training parts of all records together.
     #[default]
     Mean,
-    /// A straight line for each record, fitted to its training part and extrapolated over the
-    /// rest. A record without a training part loses the pooled mean only.
+    /// A straight line for each record, fitted to its training part and extrapolated over the rest. From a record
+    /// without a training part, only the pooled mean is removed.
     Linear,
 }
 
 /// `offset + slope * t`, with t in s since the record's first sample.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Line {
-    /// In the channel's units.
+    /// Offset in the channel's units.
     pub offset: f64,
-    /// In the channel's units per second.
+    /// Slope in the channel's units per second.
     pub slope_per_s: f64,
 }
 
@@ -68,7 +68,7 @@ fn lines(
     all
 }
 
-/// Fits a line to the values that are not missing by least squares.
+/// Fits a line by least squares to the values that are not missing.
 fn fit(values: ArrayView1<f64>, rate_hz: f64) -> Line {
     let present: Vec<(f64, f64)> =
         values.iter().enumerate().filter(|(_, v)| !v.is_nan()).map(|(k, v)| (k as f64 / rate_hz, *v)).collect();
@@ -97,7 +97,7 @@ mod tests {
             record(array![[8.0], [5.0]], array![[3.0], [5.0]]),
         ];
         let lines = remove(&mut records, &[2, 1], Trend::Mean);
-        // (1 + 3 + 8) / 3 and, without the missing sample, (1 + 3) / 2.
+        // The means are (1 + 3 + 8) / 3 and, without the missing sample, (1 + 3) / 2.
         assert_eq!(lines[1][0][0].offset, 4.0);
         assert_eq!(lines[0][1][0].offset, 2.0);
         assert_eq!(records[0].inputs, array![[-3.0], [-1.0], [95.0]]);

@@ -4,8 +4,8 @@ use crate::answer::schema::{Explanation, Located, NamedEffect};
 use crate::judge::calibration::Calibration;
 use crate::judge::statement::{About, Statement};
 
-/// Gives the first explanation, and the named effects if these are the verdict, their calibrated probabilities. The
-/// other explanations share the rest in proportion. An effect may be at work together with something else, so its
+/// Assigns calibrated probabilities to the first explanation and, if effects are the verdict, to the named effects.
+/// The other explanations share the rest in proportion. An effect may act together with something else, so its
 /// probability may exceed that of all explanations that contain it.
 pub(crate) fn calibrated(
     explanations: Vec<Explanation>,
@@ -46,7 +46,8 @@ pub(crate) fn calibrated(
     all
 }
 
-/// Gives an effect this probability. Its relatives are among the other explanations, and share the rest with them.
+/// Assigns this probability to an effect. The other members of its family belong to the other explanations and keep
+/// their share of the rest.
 fn weigh(effect: &mut NamedEffect, probability: f64) {
     if let Some(family) = &mut effect.family {
         let others = (family.confidence - effect.confidence).max(0.0) / (1.0 - effect.confidence).max(1e-9);
@@ -59,8 +60,8 @@ fn located(effect: &NamedEffect) -> Located {
     Located { effect: effect.effect.clone(), location: effect.location.clone() }
 }
 
-/// Divides the probability of an explanation with further effects between it and the explanation without them, by the
-/// probability of each further effect if the main effect acts.
+/// Divides the probability of an explanation with further effects between this explanation and the one without these
+/// effects. The division follows the probability of each further effect if the main effect acts.
 fn divided(one: Explanation, main: &Located, further: &[(Located, f64)]) -> Vec<Explanation> {
     if !one.effects.contains(main) {
         return vec![one];
@@ -80,8 +81,9 @@ fn divided(one: Explanation, main: &Located, further: &[(Located, f64)]) -> Vec<
     vec![Explanation { probability: one.probability * share, ..one }, alone]
 }
 
-/// Gives the explanations that `are` of a kind this probability together, and the others the rest, and returns what
-/// they have. An answer names its first explanation, so this one stays the most probable.
+/// Rescales the explanations of the kind `are` to this probability in total, and the others to the rest. An answer
+/// names its first explanation, which must stay the most probable one, so the probability may be raised. Returns the
+/// total probability of the kind.
 fn rescale(all: &mut Vec<Explanation>, are: &dyn Fn(&Explanation) -> bool, probability: f64) -> f64 {
     let (mut own, mut largest_own, mut rest, mut largest_rest) = (0.0, 0.0_f64, 0.0, 0.0_f64);
     for one in all.iter() {
@@ -139,7 +141,7 @@ mod tests {
         }
     }
 
-    /// Coefficients with which a statement has this probability, whatever it rests on.
+    /// Returns coefficients with which a statement has this probability, whatever its basis.
     fn always(probability: f64) -> Coefficients {
         let constant = crate::judge::calibration::log_odds(probability);
         Coefficients { constant, before: 0.0, basis: BTreeMap::new() }
@@ -163,7 +165,8 @@ mod tests {
         let all = calibrated(explanations, &mut effects, &statements, &calibration);
         let confidences = effects.map(|effect| effect.confidence);
         assert!((confidences[0] - 0.8).abs() < 1e-12 && (confidences[1] - 0.6).abs() < 1e-12, "{confidences:?}");
-        // Of the explanation by both effects, a quarter goes to the main effect alone. The rest is scaled to 0.45.
+        // A quarter of the explanation by both effects goes to the main effect alone. All but the first explanation
+        // are scaled to 0.45 in total.
         let rest = 0.45 / (0.225 + 0.06 + 0.04);
         let wanted = [(2, 0.55), (1, 0.225 * rest), (1, 0.06 * rest), (0, 0.04 * rest)];
         for (one, (effects, probability)) in all.iter().zip(wanted) {

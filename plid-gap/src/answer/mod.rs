@@ -58,7 +58,7 @@ pub(crate) fn named(
         let mut parameters = BTreeMap::new();
         let first = at;
         let own = own_std(placed, setting, limits) * ready.widened.unwrap_or(1.0);
-        // The records determine the sum of the simulation's own number and of what is added to it.
+        // The records determine the sum of the simulation's own parameter and the addition to it.
         let sum = |at: usize| quantile * best.covariance[(at, at)].max(0.0).sqrt();
         let half = |at: usize| sum(at).max(quantile * own);
         for (parameter, &value) in placed.effect.parameters(setting).into_iter().zip(&placed.parameters) {
@@ -67,7 +67,8 @@ pub(crate) fn named(
             at += 1;
         }
         let share = shares.get(which);
-        // An effect that closes little compared with what is left may imitate a part of that.
+        // An effect that closes little of the gap compared with the remainder may merely imitate a part of the
+        // remainder.
         let judge = &problem.settings.judge;
         let alone = |share: &Share| ((1.0 - outside(share.left, judge)) / (1.0 - outside(left, judge))).min(1.0);
         let imitated = if ready.widened.is_some() { share.map_or(1.0, alone) } else { 1.0 };
@@ -91,7 +92,7 @@ pub(crate) fn named(
 fn of_stochastic(shown: &Stochastic, setting: &Setting, confidence: f64) -> NamedEffect {
     let Stochastic { placed, std, .. } = shown;
     let all = placed.effect.parameters(setting).into_iter().zip(placed.parameters.iter().zip(std));
-    // The parameters of raw values are exact up to rounding.
+    // Parameters that follow from raw values are exact up to rounding.
     let half = |value: f64, std: f64| (1.96 * std).max(1e-9 * value.abs());
     NamedEffect {
         effect: placed.effect.name().into(),
@@ -111,9 +112,9 @@ fn of_stochastic(shown: &Stochastic, setting: &Setting, confidence: f64) -> Name
     }
 }
 
-/// Returns the least standard deviation of a mass, a damper or a spring that was added to axes: that of the
-/// simulation's own one there, and of the gain of the command, which scales all of it. The poles and gains that the
-/// refit changes do not contain every such error where axes are coupled.
+/// Returns the smallest standard deviation of a mass, a damper or a spring that was added to axes. It combines the
+/// error of the simulation's own parameter there and the error of the command's gain, which scales the whole
+/// parameter. Where axes are coupled, the poles and gains that the refit changes do not represent every such error.
 fn own_std(placed: &Placed, setting: &Setting, limits: &Limits) -> f64 {
     let relative = placed.effect.own_std(limits);
     if relative == 0.0 || !setting.plant.modes.is_empty() {
@@ -123,8 +124,9 @@ fn own_std(placed: &Placed, setting: &Setting, limits: &Limits) -> f64 {
     change.map_or(0.0, |change| (change.from * relative).hypot(change.to * limits.shape / 2.0))
 }
 
-/// Returns the parameter of the simulation that an effect changes, in addition to the changes of the refit. `half` is
-/// half the interval of the effect's parameter, in which the change is linear.
+/// Returns the parameter of the simulation that an effect changes, with its value as given and its value after the
+/// refit and the effect. `half` is half the interval of the effect's parameter, within which the change is taken as
+/// linear.
 fn changed(placed: &Placed, setting: &Setting, refitted: &Setting, half: f64) -> Option<Change> {
     let &[value] = placed.parameters.as_slice() else { return None };
     let at = |setting: &Setting, parameter: f64| placed.effect.change(setting, &placed.place, &[parameter]);
@@ -138,8 +140,8 @@ fn stated(value: f64, half: f64, unit: String) -> Value {
     Value { value, ci95: half.is_finite().then_some([value - half, value + half]), unit }
 }
 
-/// Returns where the gap lies. `places` have the shares of the residual that each place explains, and `shown` are the
-/// stochastic effects of the answer.
+/// Returns the location of the gap. `places` are the shares of the residual that each place explains, and `shown` are
+/// the stochastic effects of the answer.
 pub(crate) fn place(
     before: &Map,
     outputs: &[String],
@@ -147,7 +149,7 @@ pub(crate) fn place(
     shown: &[&Stochastic],
     (judge, settings): (&JudgeSettings, &AnswerSettings),
 ) -> Where {
-    // What acts only in quiet records leaves nothing in a free run that a place could explain.
+    // An effect that is observed only in quiet records leaves no residual of a free run that a place could explain.
     let quiet = shown.first().filter(|_| places.is_empty()).map(|u| u.placed.effect.side());
     let clear = side::side(places, judge).or(quiet);
     let likely = || places.first().map_or(Side::Structure, |place| place.side);
@@ -155,7 +157,7 @@ pub(crate) fn place(
     Where { places: side::listed(places), side_is_clear: clear.is_some(), ..place }
 }
 
-/// Returns where a gap lies by its map, in this part of the signal path.
+/// Returns the location of a gap according to its map, with this part of the signal path.
 pub(crate) fn whereabouts(side: Option<Side>, before: &Map, outputs: &[String], settings: &AnswerSettings) -> Where {
     let mut order: Vec<usize> = (0..before.bands.len()).collect();
     order.sort_by(|&a, &b| before.bands[b].value.total_cmp(&before.bands[a].value));
@@ -201,8 +203,9 @@ pub(crate) fn others(explained: &Explained, rivals: &[Rival]) -> Option<String> 
     (!texts.is_empty()).then(|| texts.join(", nor from "))
 }
 
-/// Returns how well the records could separate the best explanation from others: first itself, then the explanations
-/// with which it was compared after the fits, then the remaining entries of the first screen.
+/// Returns the separability of the best explanation from others on the records: first the best explanation itself,
+/// then the explanations with which it was compared after the fits, and then the remaining entries of the first
+/// screen.
 pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], names: &Names) -> Vec<Comparison> {
     let entries = found.stages.first().map_or(&[][..], Vec::as_slice);
     let overlap = found.overlap.as_ref();
@@ -248,8 +251,8 @@ pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], nam
     rows
 }
 
-/// Returns the candidate in which `entry` replaces `replaced` in the best explanation, if it was fitted. It was too far
-/// off for a further comparison.
+/// Returns the candidate in which `entry` replaces `replaced` in the best explanation, if this candidate was fitted.
+/// Its fit was too poor for a further comparison.
 fn fitted_in_place<'f, 'a>(
     found: &'f Search<'a>,
     best: &[Placed],
@@ -265,8 +268,8 @@ fn fitted_in_place<'f, 'a>(
     found.candidates.iter().find(|candidate| is(&candidate.effects))
 }
 
-/// Returns the remainder of the best explanation: its size on the opened records, and its location on the fitted ones.
-/// `repeats` is the share of its power that is the same in every period.
+/// Returns the remainder of the best explanation: its size on the records that are opened after all fits, and its
+/// location on the fitted ones. `repeats` is the share of the remainder's power that is the same in every period.
 pub(crate) fn remainder(
     explained: &Explained,
     gap: &Gap,
@@ -278,7 +281,7 @@ pub(crate) fn remainder(
     let found = &explained.found;
     let floor = gap.noise_floor;
     let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
-    // What counts as noise is a further cause no more probably than that it is something else.
+    // If the residual counts as noise, a further cause is no more probable than something outside the vocabulary.
     let most = explained.unpredicted.as_ref().map_or(1.0, |_| explained.judged.unknown);
     let further = |often: f64| often.min(most);
     let place = whereabouts(None, after, &names.outputs, &explained.ready.problem.settings.answer);
@@ -339,8 +342,8 @@ mod tests {
         assert!(ask("mode:123.4").is_ok());
     }
 
-    /// What is added to a servo's inertia, damper or spring is known no better than these. On a structure, the modes of
-    /// the refit contain the error.
+    /// An addition to a servo's inertia, damper or spring is known no better than the inertia, damper or spring
+    /// itself. On a structure, the modes of the refit contain the error.
     #[test]
     fn an_added_number_is_known_no_better_than_the_simulations_own() {
         let library = Library::standard();
@@ -362,8 +365,8 @@ mod tests {
         assert_eq!(std(&servo, "actuator-gain"), 0.0);
     }
 
-    /// For a frequency, a damping ratio and a factor, the answer says which parameter of the simulation changes, and
-    /// from what to what.
+    /// For a frequency, a damping ratio and a factor, the answer states the parameter of the simulation that changes,
+    /// with its old and its new value.
     #[test]
     fn numbers_of_the_simulation_are_said() {
         let real = truss(1);

@@ -1,10 +1,9 @@
-//! The kinds of the outputs and the locations of forces, as the diagnosis understood them.
+//! The kinds of the outputs and the locations of forces, as the diagnosis interpreted them.
 
 use crate::effects::Names;
 use crate::plant::{KindSource, Plant, Port, PortScale, PortSource};
 
-/// States the kind of each output, and the locations of forces that depend on the motion, as far as they are not
-/// obvious.
+/// States the kind of each output and, where they are not obvious, the locations of forces that depend on the motion.
 pub(crate) fn in_words(plant: &Plant, names: &Names) -> Vec<String> {
     let mut words = vec![kinds(plant, names)];
     if plant.ports.is_empty() {

@@ -22,8 +22,8 @@ const LONGEST_DELAY: f64 = 1e6;
 pub struct Predictor {
     /// The linear model, with names and sample rate.
     pub model: Model,
-    /// Names of the channels that a prediction is given: the inputs of the model; in closed loop those that drive the
-    /// loop ([`Controller::drivers`]).
+    /// Names of the input channels of a prediction: the inputs of the model or, in closed loop, the channels that
+    /// drive the loop ([`Controller::drivers`]).
     pub inputs: Vec<String>,
     /// End of the last record in s.
     pub t0: f64,
@@ -47,7 +47,7 @@ pub struct Prediction {
     /// Change of the outputs of the simulation as given, by the effects and the refit; `None` with a simulator in the
     /// loop, or if the file does not contain the simulation as given.
     pub change: Option<Channels>,
-    /// How far the input exceeds the fitted range; `None` if the file does not state the range.
+    /// The excess of the input over the fitted range; `None` if the file does not state the range.
     pub beyond: Option<Beyond>,
 }
 
@@ -55,7 +55,7 @@ impl Predictor {
     /// Reads sim-with-effect.json.
     ///
     /// # Errors
-    /// [`GapError`] with the file and the fault.
+    /// Returns a [`GapError`] with the file and the fault.
     pub fn read(path: &Path, library: &Library) -> Result<Self, GapError> {
         let text = std::fs::read_to_string(path).map_err(|source| GapError::Io { file: path.into(), source })?;
         let written: SimulationWithEffects = serde_json::from_str(&text)
@@ -63,15 +63,15 @@ impl Predictor {
         Self::new(written, library, path)
     }
 
-    /// Of the contents of such a file. `path` names them in errors.
+    /// Creates a predictor from the contents of such a file. `path` names the file in errors.
     ///
     /// # Errors
-    /// [`GapError`] with the fault.
+    /// Returns a [`GapError`] with the fault.
     pub fn new(written: SimulationWithEffects, library: &Library, path: &Path) -> Result<Self, GapError> {
         let malformed = |message: String| GapError::Malformed { file: path.into(), message };
         let model = Model::from_json(&written.linear, &path.display().to_string())?;
         let mut plant = Plant::with_settings(&model, &written.plant)?;
-        // The range states every port. What the refit has changed may show one more.
+        // The range lists every port. The model after the refit may appear to have a further one.
         if written.fitted.as_ref().is_some_and(|fitted| fitted.displacement_peak.is_empty()) {
             plant.ports.clear();
         }
@@ -127,17 +127,18 @@ impl Predictor {
         Ok(Self { model, inputs, t0, noise_rms, fitted, intersample, plant, as_given, actions })
     }
 
-    /// Returns the part of commands (m channels) that does not come from feedback, by the outputs that were measured
-    /// with them (p channels), as the input of a prediction; `None` if the commands are the input, or references are.
+    /// Returns the part of commands (m channels) that does not come from feedback, as the input of a prediction.
+    /// `measured` are the outputs that were measured with these commands (p channels). `None` if a prediction takes
+    /// the commands themselves or references as its input.
     pub fn without_feedback(&self, commands: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Channels> {
         let controller = self.plant.controller.as_ref().filter(|controller| controller.references.is_empty())?;
         Some(controller.without_feedback(commands, measured))
     }
 
-    /// Predicts the outputs for the channels of [`Predictor::inputs`], from rest, from time `t0` on.
+    /// Predicts the outputs for the channels of [`Predictor::inputs`], starting from rest at time `t0`.
     ///
     /// # Errors
-    /// [`GapError::Diverged`] with the first sample that is not finite or out of bounds.
+    /// Returns [`GapError::Diverged`] with the first sample that is not finite or is out of bounds.
     pub fn predict(&self, u: &[Vec<f64>], t0: f64) -> Result<Prediction, GapError> {
         let u = &self.driven(u);
         let outputs = self.free_run(u, t0);
@@ -168,15 +169,16 @@ impl Predictor {
         }
     }
 
-    /// Returns the relative gap that a prediction is expected to have. Three parts add as squares: the noise; the gap
-    /// that the fitted records left beyond the noise, in proportion to how far the input exceeds them; and the share 1
-    /// - 1 / times of the effects' correction. `None` if the outputs are zero, because nothing can be relative to them.
+    /// Returns the relative gap that a prediction is expected to have. The squares of three parts add up: the noise;
+    /// the gap that the fitted records left beyond the noise, multiplied by the excess of the input over them
+    /// ([`Beyond::times`]); and the share 1 - 1 / times of the effects' correction. `None` if an output is zero,
+    /// because no gap can be relative to it.
     pub fn expected_gap(&self, prediction: &Prediction, outputs: &[Vec<f64>]) -> Option<f64> {
         expected_gap(self.fitted.as_ref(), &self.noise_rms, prediction, outputs)
     }
 
-    /// Simulates the outputs (p channels) for the channels of [`Predictor::inputs`], from rest, from time `t0` on,
-    /// without a check of divergence.
+    /// Simulates the outputs (p channels) for the channels of [`Predictor::inputs`], starting from rest at time `t0`,
+    /// without a check for divergence.
     pub fn run(&self, u: &[Vec<f64>], t0: f64) -> Channels {
         self.free_run(&self.driven(u), t0)
     }
@@ -227,7 +229,7 @@ fn acts_at(place: &Place, effect: &dyn Effect, library: &Library, setting: &Sett
     library.effects().filter(is_sibling).any(|effect| effect.places(setting).contains(place))
 }
 
-/// Returns the location that [`Place::location`] wrote.
+/// Returns the place of a location that [`Place::location`] wrote.
 pub(crate) fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place> {
     let names = &setting.names;
     let of = |list: &[String], name: &str| list.iter().position(|x| x == name);
@@ -272,7 +274,8 @@ mod tests {
     use crate::effects::CubicStiffness;
     use crate::testing::{random_input, record, run, truss, truss_with};
 
-    /// A softening spring at the first port, fitted at a hundredth of the level at which it loses its stiffness.
+    /// Returns a predictor with a softening spring at the first port, fitted at a hundredth of the level at which the
+    /// spring loses its stiffness, and an input at ten times that level.
     fn softening() -> (Predictor, Channels) {
         let model = truss(1);
         let plant = Plant::new(&model).unwrap();
@@ -280,7 +283,7 @@ mod tests {
         let u = random_input(3, 2000, 2);
         let loud = record(u.clone(), vec![vec![0.0; 2000]; 2]);
         crate::prepare::of_ports(&mut setting, &loud);
-        // Its stiffness vanishes at a tenth of the motion of this record.
+        // The spring's stiffness vanishes at a tenth of the motion of this record.
         let k = -100.0 * setting.stiffness[0] / setting.d_rms[0].powi(2);
         let actions = CubicStiffness.act(&setting, &Place::Port(0), &[k]);
         let quiet = scaled(&u, 1e-3);
@@ -342,7 +345,7 @@ mod tests {
         assert_eq!(predictor.expected_gap(&nothing, &nothing.outputs), None);
     }
 
-    /// The outputs of the simulation as given and the change by refit and effects add up to the prediction, also where
+    /// The outputs of the simulation as given and the change by refit and effects add up to the prediction, even where
     /// the refit changed the linear model.
     #[test]
     fn the_change_of_the_simulation_as_given_contains_the_refit() {
@@ -379,8 +382,8 @@ mod tests {
         assert!(said.contains("as_given: its channels"), "{said}");
     }
 
-    /// A simulation without a port may show one after its refit, by the slope of its response. The file says that there
-    /// was none.
+    /// A simulation without a port may appear to have one after its refit, because of the slope of its response. The
+    /// file states that there was none.
     #[test]
     fn ports_are_not_inferred_again() {
         use nalgebra::dmatrix;
@@ -415,7 +418,7 @@ mod tests {
                   "parameters": { "tau": { "value": 0.5, "ci95": null, "unit": "samples" } } },
                 { "effect": "sensor-saturation", "location": "output:y2", "equation": "",
                   "parameters": { "a": { "value": 0.5, "ci95": null, "unit": "V" } } },
-                // A converter that rounds cuts nothing off.
+                // A converter that rounds does not truncate.
                 { "effect": "sensor-quantisation", "location": "output:y2", "equation": "",
                   "parameters": { "q": { "value": 0.01, "ci95": null, "unit": "V" },
                                   "cut": { "value": 0.0, "ci95": null, "unit": "steps" } } },

@@ -1,4 +1,5 @@
-//! The range of inputs and motion to which a simulation with effects was fitted, and how far a new input exceeds it.
+//! The range of inputs and motion to which a simulation with effects was fitted, and the excess of a new input over
+//! it.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,15 +9,16 @@ use crate::judge::gap;
 use crate::plant::Plant;
 use crate::prepare::port_motion;
 
-/// Largest excess over the range that is stated. For an input that was never driven, the excess would be infinite.
+/// Upper bound of the excess over the range. For an input that was never driven, the excess would otherwise be
+/// infinite.
 const MOST_TIMES: f64 = 1e3;
 
-/// Typical variation between records of one level, of which the peaks of a motion vary most: a smaller excess is not
-/// worth a warning.
+/// Typical ratio between records of one level, of which the peaks of a motion vary most. A smaller excess does not
+/// deserve a warning.
 const JUST_BEYOND: f64 = 1.25;
 
-/// Sizes in the fitted records, the largest over all of them. Motion is that of the linear simulation, or that of a
-/// simulator in the loop with its effects.
+/// Sizes of the signals in the fitted records; each is the largest over all records. The motion is that of the linear
+/// simulation, or that of a simulator in the loop with its effects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FittedRange {
     /// RMS of each input.
@@ -29,12 +31,12 @@ pub struct FittedRange {
     pub unexplained: f64,
 }
 
-/// How far a new input exceeds the range.
+/// The excess of a new input over the range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Beyond {
-    /// Excess as a multiple of the range; one within it.
+    /// The largest size as a multiple of the range; one within the range.
     pub times: f64,
-    /// The signal with the largest excess, in words.
+    /// The signal with the largest excess, in words; empty within the range.
     pub what: String,
 }
 
@@ -53,8 +55,8 @@ impl Beyond {
 }
 
 impl FittedRange {
-    /// Returns the range of these records, of which each has these peak displacements at the ports. `stated` is the gap
-    /// that is expected of them and `floor` that of their noise.
+    /// Returns the range of these records, with the peak displacements at the ports in each of them. `stated` is the
+    /// gap that is expected on held-out records, and `floor` the gap of the noise.
     pub fn of(records: &[Record], displacement_peaks: &[Vec<f64>], stated: f64, floor: f64) -> Self {
         let inputs: Vec<Vec<f64>> = records.iter().map(|record| record.u.iter().map(rms).collect()).collect();
         let outputs: Vec<Vec<f64>> = records.iter().map(|record| record.y.iter().map(|y| peak(y)).collect()).collect();
@@ -66,7 +68,7 @@ impl FittedRange {
         }
     }
 
-    /// Returns how far inputs (m channels), with these peak displacements at the ports, exceed the range.
+    /// Returns the excess of inputs (m channels), with these peak displacements at the ports, over the range.
     pub fn beyond<'n>(
         &self,
         inputs: impl IntoIterator<Item = &'n String>,
@@ -89,7 +91,7 @@ impl FittedRange {
     /// Checks that a range from a file has a size for each of m inputs, of the ports, and of p outputs.
     ///
     /// # Errors
-    /// Returns a sentence with the key.
+    /// Returns a sentence that names the key.
     pub(crate) fn require_sizes(&self, m: usize, ports: usize, p: usize) -> Result<(), String> {
         require_sizes("fitted.input_rms", &self.input_rms, m)?;
         require_sizes("fitted.displacement_peak", &self.displacement_peak, ports)?;
@@ -98,10 +100,10 @@ impl FittedRange {
     }
 }
 
-/// Checks that a list from a file consists of so many sizes.
+/// Checks that a list from a file consists of `count` nonnegative numbers.
 ///
 /// # Errors
-/// Returns a sentence with the key.
+/// Returns a sentence that names the key.
 pub(crate) fn require_sizes(key: &str, list: &[f64], count: usize) -> Result<(), String> {
     let is_size = |x: &f64| x.is_finite() && *x >= 0.0;
     if list.len() == count && list.iter().all(is_size) {
@@ -110,10 +112,10 @@ pub(crate) fn require_sizes(key: &str, list: &[f64], count: usize) -> Result<(),
     Err(format!("`{key}` must contain {count} nonnegative numbers"))
 }
 
-/// Returns the relative gap that a prediction is expected to have, with these outputs and RMS of their noise. Three
-/// parts add as squares: the noise; the gap that the fitted records left beyond the noise, in proportion to how far the
-/// input exceeds them; and the share 1 - 1 / times of the effects' correction. `None` if the outputs are zero, because
-/// nothing can be relative to them.
+/// Returns the relative gap that a prediction is expected to have, with these outputs and RMS of their noise. The
+/// squares of three parts add up: the noise; the gap that the fitted records left beyond the noise, multiplied by the
+/// excess `times` of the input over them; and the share 1 - 1 / times of the effects' correction. `None` if an output
+/// is zero, because no gap can be relative to it.
 pub(crate) fn expected_gap(
     fitted: Option<&FittedRange>,
     noise_rms: &[f64],
@@ -139,7 +141,7 @@ pub(crate) fn displacement_peaks(plant: &Plant, u: &[Vec<f64>]) -> Vec<f64> {
     port_motion(plant, u).iter().step_by(2).map(|displacement| peak(displacement)).collect()
 }
 
-/// Returns the change of outputs (p channels each) by effects.
+/// Returns the change of the outputs (p channels) that effects cause.
 pub(crate) fn difference(with: &[Vec<f64>], without: &[Vec<f64>]) -> Channels {
     with.iter().zip(without).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect()
 }
@@ -149,7 +151,7 @@ pub(crate) fn peak(x: &[f64]) -> f64 {
     x.iter().fold(0.0, |most: f64, x| most.max(x.abs()))
 }
 
-/// Returns the largest of each size over all records.
+/// Returns the maximum of each size over all records.
 fn largest(sizes: &[Vec<f64>]) -> Vec<f64> {
     let count = sizes.first().map_or(0, Vec::len);
     (0..count).map(|at| sizes.iter().map(|of| of[at]).fold(0.0, f64::max)).collect()

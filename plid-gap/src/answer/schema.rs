@@ -36,11 +36,11 @@ pub struct Change {
     pub number: String,
     /// Its value in the simulation.
     pub from: f64,
-    /// Its value as it should be.
+    /// Its corrected value.
     pub to: Value,
 }
 
-/// "factor of output y2 from 1.0000 to 1.0721 (1.0602 to 1.0840)".
+/// Writes, for example, "factor of output y2 from 1.0000 to 1.0721 (1.0602 to 1.0840)".
 impl fmt::Display for Change {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let short = |x: f64| Cell::significant(x, 5);
@@ -66,15 +66,15 @@ pub struct NamedEffect {
     /// stay; absent for a stochastic effect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub share: Option<f64>,
-    /// Its 95 % interval.
+    /// The 95 % interval of `share`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub share_ci95: Option<[f64; 2]>,
     /// Parameters by name.
     pub parameters: BTreeMap<String, Value>,
-    /// The parameter of the simulation that changes, if the effect is no more than that.
+    /// The parameter of the simulation that changes, if the effect is merely such a change.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub change: Option<Change>,
-    /// Whether the location is right but the shape only near this one.
+    /// Whether the location is right, but the shape only resembles that of this effect.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub shape_differs: bool,
 }
@@ -85,7 +85,7 @@ impl NamedEffect {
         let short = |x: f64| Cell::significant(x, 4);
         let line = |(name, value): (&String, &Value)| {
             let interval = value.ci95.map(|[a, b]| format!(" ({} to {})", short(a), short(b))).unwrap_or_default();
-            // A pure number has no unit to read.
+            // The unit of a pure number is not printed.
             let unit = if value.unit == "1" { String::new() } else { format!(" {}", value.unit) };
             format!("  {} at {}: {name} = {}{unit}{interval}\n", self.effect, self.location, short(value.value))
         };
@@ -114,21 +114,22 @@ pub struct Explanation {
     pub probability: f64,
     /// Expected gap with it, if it is a fit.
     pub gap_after: Option<f64>,
-    /// How the channels are taken, if not as in the answer: as recorded, or with a mismatch corrected.
+    /// The treatment of the channels, if it differs from that of the answer: as recorded, or with a mismatch
+    /// corrected.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wiring: Option<String>,
 }
 
-/// Where the gap lies.
+/// The location of the gap.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Where {
     /// The part of the signal path; `None` for what remains after the effects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub side: Option<Side>,
-    /// Whether the residual shows this side clearly: places of the other sides explain much less of it.
+    /// Whether the residual identifies this side clearly, because places of the other sides explain much less of it.
     #[serde(default)]
     pub side_is_clear: bool,
-    /// The places that explain most of the residual, each by itself and whatever it does, the first ones.
+    /// The places that explain most of the residual, each alone and with free functions, in decreasing order.
     #[serde(default)]
     pub places: Vec<PlaceShare>,
     /// Share of each output in the squared gap.
@@ -174,7 +175,7 @@ pub struct Remainder {
     /// Its location on the fitted records.
     #[serde(rename = "where", default)]
     pub place: RemainderPlace,
-    /// Effects that would explain most of it, although none of them explains enough.
+    /// The effects that would explain most of the remainder, although none of them explains enough.
     pub nearest: Vec<Located>,
 }
 
@@ -183,11 +184,11 @@ pub struct Remainder {
 pub struct RemainderPlace {
     /// Share of each output.
     pub channels: BTreeMap<String, f64>,
-    /// The bands with most of it: from, to (Hz), share.
+    /// The bands with most of the remainder: from, to (Hz), share.
     pub bands_hz: Vec<[f64; 3]>,
 }
 
-/// How well the records could separate an explanation from the best one. Differences are in log likelihood, if the best
+/// The separability of an explanation from the best one on the records. Differences are in log likelihood, if the best
 /// explanation is true.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
@@ -215,18 +216,18 @@ pub struct Diagnosis {
     pub sentence: String,
     /// The effects, the largest share of the gap first.
     pub effects: Vec<NamedEffect>,
-    /// The explanations, the most probable first. In an imperfect simulation, those that differ only in effects which
-    /// are too small to be named are one.
+    /// The explanations, the most probable first. In an imperfect simulation, explanations that differ only in effects
+    /// too small to be named count as one.
     pub candidates: Vec<Explanation>,
     /// Explanations that these records cannot separate.
     pub not_separable: Vec<Vec<String>>,
-    /// How well the records could separate explanations, the best one first.
+    /// The separability of explanations on the records, the best explanation first.
     #[serde(default)]
     pub separability: Vec<Comparison>,
-    /// The statements of the verdict and of further effects, with what their probabilities rest on.
+    /// The statements of the verdict and of further effects, with the basis of their probabilities.
     #[serde(default)]
     pub statements: Vec<Statement>,
-    /// Where the gap lies.
+    /// The location of the gap.
     #[serde(rename = "where")]
     pub place: Where,
     /// The gaps.
@@ -280,10 +281,10 @@ pub struct Used {
     pub seconds: f64,
     /// Whether a bound on the runs ended the search early.
     pub cut_short: bool,
-    /// The bound that ended it.
+    /// The bound that ended the search.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_by: Option<Bound>,
-    /// What was left out because of it.
+    /// The steps that were left out because of the bound.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<String>,
 }
@@ -294,7 +295,7 @@ pub struct Used {
 pub enum Bound {
     /// The number of runs.
     Calls,
-    /// Their time.
+    /// The time of the runs.
     Seconds,
 }
 
@@ -307,7 +308,7 @@ pub struct WrittenEffect {
     pub location: String,
     /// Parameters by name.
     pub parameters: BTreeMap<String, Value>,
-    /// Numbers of the simulation that the equation uses, such as the pole that moves.
+    /// Numbers of the simulation that the equation uses, such as the pole that the effect moves.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub given: BTreeMap<String, Value>,
     /// Its equation.

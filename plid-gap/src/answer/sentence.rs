@@ -10,7 +10,7 @@ use crate::judge::verdict::Verdict;
 use crate::settings::AnswerSettings;
 use plid_report::percent;
 
-/// States how a gap changes. Effects that were fitted to other records may also widen it.
+/// States the change of a gap. Effects that were fitted to other records may also increase it.
 fn course(from: f64, to: f64) -> String {
     match [percent(from), percent(to)] {
         [from, to] if from == to => format!("the gap stays at {to}"),
@@ -18,8 +18,8 @@ fn course(from: f64, to: f64) -> String {
     }
 }
 
-/// States where most of a remainder lies. `after` is its map over outputs and bands, and `beyond` its size beyond the
-/// noise, of a gap of `given`.
+/// States the output and the frequency at which most of a remainder lies. `after` is the remainder's map over outputs
+/// and bands, `beyond` is its size beyond the noise, and `given` is the gap as given.
 pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64, settings: &AnswerSettings) -> String {
     let cells = (0..after.share.nrows()).flat_map(|o| (0..after.share.ncols()).map(move |b| (o, b)));
     let Some((o, b)) = cells.max_by(|x, y| after.share[*x].total_cmp(&after.share[*y])) else { return String::new() };
@@ -33,7 +33,7 @@ pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64, 
 pub(crate) struct Said<'s> {
     /// The effects that are named, the largest first.
     pub effects: &'s [NamedEffect],
-    /// Where each of them can be observed.
+    /// The kind of observation in which each named effect appears.
     pub observed: &'s [Observation],
     /// The best explanation, whether or not it suffices.
     pub nearest: &'s [String],
@@ -41,15 +41,15 @@ pub(crate) struct Said<'s> {
     pub smaller: usize,
     /// The gaps.
     pub gap: &'s Gap,
-    /// The gap that matters, relative to the output.
+    /// The smallest gap that is material, relative to the output.
     pub material: f64,
     /// Whether the records show the noise level.
     pub seen: bool,
-    /// The gap that stochastic effects make, if nothing else is named and the simulation is imperfect as a whole.
+    /// The gap that stochastic effects cause, if nothing else is named and the simulation is imperfect as a whole.
     pub noise_alone: Option<f64>,
-    /// The states that the simulation lacks, if that is what is missing.
+    /// The states that the simulation lacks, if missing states are the cause of the gap.
     pub lacking: Option<LackingStates>,
-    /// Where the remainder lies, if the simulation is imperfect as a whole.
+    /// The sentence on the location of the remainder, if the simulation is imperfect as a whole.
     pub remains: Option<&'s str>,
     /// The thresholds of the sentences.
     pub settings: &'s AnswerSettings,
@@ -115,7 +115,7 @@ impl Said<'_> {
         )
     }
 
-    /// Returns whether effects were found, but all of the gap is too small to matter.
+    /// Returns whether effects were found, although the whole gap is too small to matter.
     fn is_immaterial(&self) -> bool {
         !self.nearest.is_empty() && self.gap.as_given < self.material
     }
@@ -137,7 +137,7 @@ impl Said<'_> {
         self.gap.as_given < self.settings.noise_only * self.gap.noise_floor || self.observed.iter().all(random)
     }
 
-    /// States an effect with its probability, or its family where that is clearly more certain: "dry friction at
+    /// States an effect with its probability, or its family where the family is clearly more certain: "dry friction at
     /// input:u1 (94 % sure; coulomb-friction 55 %)".
     fn sure(&self, effect: &NamedEffect) -> String {
         let percent = |probability: f64| format!("{:.0} %", 100.0 * probability);
@@ -204,7 +204,7 @@ impl Said<'_> {
 
     fn effects(&self) -> String {
         let gap = self.gap;
-        // No simulation can follow dropouts.
+        // No simulation can predict dropouts.
         let drops = self.observed.contains(&Observation::Dropouts);
         let rest = if self.seen && !drops && gap.with_effect > self.settings.unexplained * gap.noise_floor {
             format!(" {} of the output remains unexplained.", percent(gap.beyond_noise(gap.with_effect)))

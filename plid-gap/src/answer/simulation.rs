@@ -14,8 +14,8 @@ use crate::judge::offsets;
 use crate::search::stochastic::{Stochastic, wanders};
 use crate::simulate::changed_plant;
 
-/// Returns the changes by the bounded refit in standard deviations of its prior, for each mode: its frequency in Hz,
-/// then the changes of frequency, damping and the largest of the shapes.
+/// Returns, for each mode, its frequency in Hz and the changes by the bounded refit in standard deviations of the
+/// prior: the change of the frequency, the change of the damping ratio, and the largest change of the shapes.
 pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f64, f64)> {
     let mut modes: Vec<(f64, f64, f64, f64)> = problem.plant.modes.iter().map(|m| (m.hz(), 0.0, 0.0, 0.0)).collect();
     for (index, (x, std)) in eta.iter().zip(&problem.nuisance.std).enumerate() {
@@ -31,9 +31,10 @@ pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f6
     modes
 }
 
-/// Returns sim-with-effect.json: the linear model after the bounded refit (`eta`), the effects that predict (`fitted`),
-/// and those that quiet records show. A line whose phase wanders is part of the noise and is left out. The models are
-/// that of the audited case and the simulation as given. `gap` is the gap that the effects leave.
+/// Returns the contents of sim-with-effect.json: the linear model after the bounded refit (`eta`), the effects of the
+/// prediction (`fitted`), and the stochastic effects (`shown`). A line whose phase wanders is part of the noise and is
+/// left out. The two models are that of the audited case and the simulation as given. `gap` contains the gaps without
+/// and with the effects.
 pub(crate) fn written(
     explained: &Explained,
     (model, given): (&Model, &Model),
@@ -115,7 +116,7 @@ fn given(placed: &Placed, setting: &Setting) -> BTreeMap<String, Value> {
     placed.effect.given(setting, &placed.place).into_iter().map(value).collect()
 }
 
-/// Returns an effect's location. For a disturbance it includes the port, which a prediction needs.
+/// Returns an effect's location. For a disturbance, the location includes the port, which a prediction needs.
 fn written_place(placed: &Placed, setting: &Setting) -> String {
     let location = placed.place.location(&setting.names);
     match placed.place {

@@ -7,7 +7,8 @@ use crate::answer::schema::{Explanation, Located, NamedEffect, Value, WrittenEff
 use crate::audit::Audit;
 use crate::effects::{ActuatorDelay, Effect};
 
-/// A delay by whole samples. If the same effect was fitted, its delay is that of the remainder, and both are added.
+/// A delay by whole samples. If the same effect was also fitted, its delay is the remaining part, and the two delays
+/// are added.
 pub(crate) struct WholeDelay {
     samples: f64,
     location: String,
@@ -95,7 +96,7 @@ mod tests {
     use crate::judge::verdict::Verdict;
     use crate::testing::{case, random_input, run, truss};
 
-    /// Diagnoses with a library that knows one effect only, because the audit does not depend on the others.
+    /// Diagnoses with a library of only one effect, because the audit does not depend on the others.
     fn diagnosed(case: &Case) -> Outcome {
         let all = Library::standard();
         let names: Vec<String> = all.effects().map(|e| e.name().to_string()).filter(|n| n != "sensor-gain").collect();

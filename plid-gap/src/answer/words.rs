@@ -12,8 +12,8 @@ use crate::judge::locate::Map;
 use crate::words::likelihood;
 use plid_report::percent;
 
-/// Returns the evidence in a sentence or two each. `named` are the effects of the answer. `class` is the most probable
-/// explanation, with the explanations that the records cannot separate from it.
+/// Returns the evidence, each item in one or two sentences. `named` are the effects of the answer. `class` is the most
+/// probable explanation, with the explanations that the records cannot separate from it.
 pub(crate) fn words(
     explained: &Explained,
     before: &Map,
@@ -97,8 +97,8 @@ fn costs(explained: &Explained) -> String {
     )
 }
 
-/// States which assumptions were dropped: that the simulation is exact up to its limits, or an explanation whose free
-/// run diverges.
+/// States which assumptions were dropped, namely that the simulation is exact to within its limits or that the
+/// remainder is not noise, and which explanations were refused.
 fn limits(explained: &Explained) -> Vec<String> {
     let names = &explained.ready.problem.setting.names;
     let imperfect = explained.ready.widened.map(|scale| {
@@ -167,7 +167,7 @@ fn of_records(explained: &Explained) -> Vec<String> {
     random.into_iter().chain(cut).collect()
 }
 
-/// States how much of an effect a refit would absorb, and the reasons against its name.
+/// States the share of an effect's response that a refit could absorb, and any caveat on the name of the effect.
 fn of_effect(explained: &Explained, placed: &Placed) -> Vec<String> {
     let at = format!("{} at {}", placed.effect.name(), placed.place.location(&explained.ready.problem.setting.names));
     let entry = explained.found.stages.iter().flatten().find(|e| same(&e.placed, placed));
@@ -180,7 +180,8 @@ fn of_effect(explained: &Explained, placed: &Placed) -> Vec<String> {
 fn nearest_other(explained: &Explained) -> Option<String> {
     let found = &explained.found;
     let best = &found.best;
-    // An explanation that replaced a refused one was fitted again, and the others were not.
+    // An explanation that replaced a refused one was fitted again, whereas the others were not, so their costs are not
+    // comparable.
     if best.effects.is_empty()
         || explained.refused.iter().any(|(_, why)| {
             matches!(why, Refusal::Diverges(_) | Refusal::Overfits | Refusal::Outdone | Refusal::Untimely)

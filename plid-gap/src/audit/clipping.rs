@@ -44,7 +44,7 @@ fn rails(x: &[f64], settings: &AuditSettings) -> Vec<(f64, usize)> {
     [(0, 1), (last, last - 1)].into_iter().filter(clips).map(|(at, _)| counts[at]).collect()
 }
 
-/// Returns how often a channel arrives at a value.
+/// Returns the number of times that a channel reaches a value.
 fn visits(x: &[f64], value: f64) -> usize {
     (0..x.len()).filter(|&k| x[k] == value && (k == 0 || x[k - 1] != value)).count()
 }

@@ -4,10 +4,10 @@ use crate::case::Case;
 use crate::case::record::{Excitation, Record};
 use crate::error::GapError;
 
-/// Returns the channels that are constant in one record in which they should not be.
+/// Returns findings on the channels that are constant in a record in which they should vary.
 ///
 /// # Errors
-/// [`GapError::Constant`] for a channel that is constant in all records.
+/// Returns [`GapError::Constant`] for a channel that is constant in all records.
 pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
     let mut found = Vec::new();
     let mut look = |names: &[String], of: fn(&Record) -> &[Vec<f64>], asked: &dyn Fn(&Record) -> bool, so: &str| {
@@ -24,7 +24,7 @@ pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
         Ok(())
     };
     let driven = |record: &Record| record.excitation != Excitation::Zero;
-    // In closed loop, an input that is not driven itself is moved by the controller.
+    // In closed loop, the controller drives an input that has no excitation of its own.
     let inputs = if case.controller.is_some() { &[][..] } else { &case.config.inputs };
     look(inputs, |r| &r.u, &driven, "it gives no information about that input.")?;
     look(&case.config.outputs, |r| &r.y, &|_| true, "is the sensor connected, or its converter too coarse?")?;

@@ -1,5 +1,6 @@
-//! The effects that a case in closed loop cannot have: those on a command or on a measurement. They act between the
-//! plant and its controller, at each sample, whereas a simulation applies them to a whole record, before or behind it.
+//! The effects that are excluded from a case in closed loop: those on a command or on a measurement. They act between
+//! the plant and its controller at each sample, whereas a simulation applies them to a whole record before or after
+//! the plant.
 
 use plid_model::Model;
 
@@ -12,7 +13,7 @@ use crate::plant::Plant;
 /// them.
 ///
 /// # Errors
-/// [`GapError::Model`].
+/// Returns [`GapError::Model`] if the eigenvalues of the simulation cannot be computed.
 pub fn leave_out(
     case: &mut Case,
     model: &Model,

@@ -6,7 +6,8 @@ use crate::error::GapError;
 /// Returns the missing samples of the outputs (NaN), by record and channel.
 ///
 /// # Errors
-/// [`GapError::Record`] for an infinite value, for a missing input and for an output without any value.
+/// Returns [`GapError::Record`] for an infinite value, for a missing input or simulated output, and for an output
+/// without any value.
 pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
     let config = &case.config;
     let mut found = Vec::new();

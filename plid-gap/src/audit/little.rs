@@ -14,13 +14,15 @@ use crate::signal::peaks;
 pub struct Little {
     /// Findings in words.
     pub findings: Vec<String>,
-    /// Names of effects.
+    /// Names of the effects that are left out.
     pub left_out: Vec<String>,
 }
 
+/// Returns the findings on the length of the records, and the effects for which the records are too short.
+///
 /// # Errors
-/// [`GapError::TooLittle`] if no record drives the structure, or if all of them together have no more values than the
-/// simulation has states.
+/// Returns [`GapError::TooLittle`] if no record drives the structure, or if all driven records together have no more
+/// values than the simulation has states.
 pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) -> Result<Little, GapError> {
     let effects = || library.effects().filter(|effect| !without.iter().any(|name| name == effect.name()));
     let settings = &case.config.settings;
@@ -76,7 +78,8 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     Ok(little)
 }
 
-/// Returns how many records are shorter than this number of periods of the lowest mode, and adds them to the findings.
+/// Returns the number of records that are shorter than this number of periods of the lowest mode, and adds these
+/// records to the findings.
 fn short(records: &[&Record], modes: &[f64], rate: f64, periods: f64, findings: &mut Vec<String>) -> usize {
     let lowest = modes.iter().copied().fold(f64::INFINITY, f64::min);
     let short = records.iter().filter(|record| (record.samples() as f64) < periods * rate / lowest);
@@ -88,7 +91,7 @@ fn short(records: &[&Record], modes: &[f64], rate: f64, periods: f64, findings: 
     short.len()
 }
 
-/// Returns why the random records give no frequency response of m inputs; `None` if they do.
+/// Returns the reason why the random records give no frequency response of m inputs; `None` if they give one.
 fn no_response(records: &[&Record], m: usize) -> Option<String> {
     let random = |record: &&&Record| record.excitation == Excitation::Random && record.samples() >= peaks::SEGMENT;
     let stretches = |record: &&Record| 1 + 2 * (record.samples() - peaks::SEGMENT) / peaks::SEGMENT;
@@ -158,7 +161,7 @@ mod tests {
         let some = check(&cut(400), &model, &library, &[]).unwrap();
         assert_eq!(some.left_out, ["missing-mode"]);
         assert!(some.findings[0].contains("0 stretches"), "{:?}", some.findings);
-        // Shorter than those periods.
+        // Shorter than three periods of the lowest mode.
         let least = (3.0 * RATE / MODES[0].0) as usize;
         let few = check(&cut(least - 2), &model, &library, &[]).unwrap();
         assert!(few.findings[0].contains("lowest mode (58.0 Hz)"), "{:?}", few.findings);

@@ -1,8 +1,8 @@
 //! The audit of a case before any fit: records that cannot be used, channels that clip, are constant or lack samples, a
 //! simulation that is unstable or has other channels and units, and effects for which the records are too short.
 //!
-//! A condition that makes a diagnosis impossible is an error. A mismatch that an engineer would correct before reading
-//! on (exchanged, negated or delayed channels, other units) is named, and corrected for the following steps.
+//! A condition that makes a diagnosis impossible is an error. A mismatch that an engineer would correct before
+//! proceeding (exchanged, negated or delayed channels, other units) is named, and corrected for the following steps.
 
 mod clipping;
 mod constant;
@@ -37,27 +37,27 @@ pub struct Audit {
     /// which the records are too short, and its channels and units are corrected if [`Audit::mismatch`] explains the
     /// gap.
     pub case: Case,
-    /// Channels, signs, units or a delay with which the simulation agrees much better.
+    /// Channels, signs, units or a delay with which the simulation agrees much better with the records.
     pub mismatch: Option<Mismatch>,
     /// The prior knowledge for the preparation.
     pub known: Known,
     surrogate: Option<Surrogate>,
 }
 
-/// A law of forces inside the plant that was found.
+/// A law of forces inside the plant that the diagnosis found.
 pub(crate) struct Law {
-    /// In words.
+    /// The law in words.
     pub name: String,
     /// The names of its effects, with their locations.
     pub effects: Vec<(String, String)>,
-    /// The force at each port in each fitted record, or in the part of it that is fitted, by the name of the record.
-    /// Its scale is arbitrary.
+    /// The force at each port in each fitted record, or in the fitted part of that record, by the name of the record.
+    /// The scale of the force is arbitrary.
     pub forces: Vec<(String, Channels)>,
 }
 
 impl Law {
-    /// Returns a record with the forces as further inputs, without its end if that is held out; `None` if its forces
-    /// are unknown.
+    /// Returns a record with the forces as further inputs, without the end of the record if that is held out; `None`
+    /// if its forces are unknown.
     fn drives(&self, record: &Record, rate: f64) -> Option<Record> {
         let (_, forces) = self.forces.iter().find(|(name, _)| *name == record.name)?;
         let samples = forces.first()?.len().min(record.samples());
@@ -70,9 +70,9 @@ impl Law {
 /// Audits a case. A case without a simulation gets a surrogate model. `off` are the steps that the diagnosis skips.
 ///
 /// # Errors
-/// [`GapError::Record`], [`GapError::Constant`], [`GapError::Port`], [`GapError::Unstable`],
-/// [`GapError::UnstableLoop`], [`GapError::TooLittle`], [`GapError::Model`];
-/// [`GapError::Failed`] if no model is given and none can be identified.
+/// Returns [`GapError::Record`], [`GapError::Constant`], [`GapError::Port`], [`GapError::Unstable`],
+/// [`GapError::UnstableLoop`], [`GapError::TooLittle`] or [`GapError::Model`], or [`GapError::Failed`] if no model is
+/// given and none can be identified.
 pub fn audit(case: &Case, library: &Library, off: &[Step], say: &mut dyn FnMut(String)) -> Result<Audit, GapError> {
     look(case, library, &[], off, None, say)
 }
@@ -82,7 +82,7 @@ impl Audit {
     /// determined again.
     ///
     /// # Errors
-    /// Those of the first audit.
+    /// Returns the errors of the first audit.
     pub fn without(&self, case: &Case, library: &Library, without: &[String]) -> Result<Self, GapError> {
         look(case, library, without, &self.known.off, Some(self), &mut |_| {})
     }
@@ -92,7 +92,7 @@ impl Audit {
     /// Returns the audit with the channels as they were recorded; `None` if nothing was corrected.
     ///
     /// # Errors
-    /// Those of the first audit.
+    /// Returns the errors of the first audit.
     pub(crate) fn as_recorded(&self, case: &Case, library: &Library) -> Result<Option<Self>, GapError> {
         let Some(corrected) = self.put_right() else { return Ok(None) };
         let mismatch = Some(Mismatch { explains: false, ..corrected.clone() });
@@ -100,7 +100,7 @@ impl Audit {
         look(case, library, &[], &self.known.off, Some(&before), &mut |_| {}).map(Some)
     }
 
-    /// Returns whether the simulation is a model of all records, because the case gives none.
+    /// Returns whether the simulation is a model of the fitted records, because the case gives none.
     pub(crate) fn is_of_records(&self, case: &Case) -> bool {
         let measured = |record: &Record| record.simulated.is_none();
         self.surrogate.is_some() && case.for_simulation.is_empty() && case.records.iter().all(measured)
@@ -110,7 +110,7 @@ impl Audit {
     /// ([`surrogate::identify_with`]); `None` if the forces in a record are unknown.
     ///
     /// # Errors
-    /// Those of the first audit, and those of the identification.
+    /// Returns the errors of the first audit and those of the identification.
     pub(crate) fn with_law(
         &self,
         case: &Case,
@@ -128,8 +128,8 @@ impl Audit {
         self.surrogate.as_ref().map_or(Intersample::Zoh, |surrogate| surrogate.intersample)
     }
 
-    /// Returns the model that stands for a simulation that the case does not contain: the best linear one, even if the
-    /// diagnosis uses one that was identified with a law.
+    /// Returns the model that replaces the simulation if the case contains none. It is the best linear model, even if
+    /// the diagnosis uses a model that was identified with a law.
     pub fn surrogate_model(&self) -> Option<&plid_model::Model> {
         self.surrogate
             .as_ref()
@@ -165,7 +165,7 @@ fn look(
     found.extend(stable::check(case, &model)?);
     let little = little::check(case, &model, library, without)?;
     found.extend(little.findings);
-    // A model that was identified from these channels has none exchanged.
+    // A model that was identified from these channels has no exchanged channels.
     let mismatch = match before {
         Some(before) => before.mismatch.clone(),
         // In closed loop, exchanged wires would have been noticed while the records were taken.
@@ -216,10 +216,10 @@ fn look(
     Ok(Audit { case, mismatch, known, surrogate })
 }
 
-/// Checks the records alone. Returns warnings. `looks` says whether clipping is tested.
+/// Checks the records alone and returns warnings. `looks` states whether clipping is checked.
 ///
 /// # Errors
-/// [`GapError::Record`], [`GapError::Constant`], [`GapError::TooLittle`].
+/// Returns [`GapError::Record`], [`GapError::Constant`] or [`GapError::TooLittle`].
 pub(crate) fn of_records(case: &Case, looks: bool) -> Result<Vec<String>, GapError> {
     shapes::check(case)?;
     let mut found = finite::check(case)?;

@@ -1,7 +1,8 @@
-//! The constants that the outputs have beside the response of the best linear model of the records.
+//! The constants that the outputs contain in addition to the response of the best linear model of the records.
 //!
-//! Records rarely have zero where the plant rests: a level is measured from the floor, and a diode or a square law adds
-//! a mean. Without an offset, a pole near one takes its place, and a run from rest begins too low.
+//! The recorded outputs of a plant at rest are rarely zero: a level is measured from the floor, and a diode or a
+//! square law adds a mean. In a model without an offset, a pole near one takes its place, and a run from rest begins
+//! too low.
 
 use plid_model::Model;
 use plid_model::signal::mean;
@@ -16,24 +17,24 @@ use crate::fit::linear_model::Arrays;
 use crate::plant::Plant;
 use crate::settings::PlantSettings;
 
-/// Rounds in which the model and the offsets of its outputs are identified in turn.
+/// Number of rounds in which the model and the offsets of its outputs are identified alternately.
 const OFFSET_ROUNDS: usize = 2;
 
-/// Rounds in which the mean error of a model is determined.
+/// Number of rounds in which the mean error of a model is determined.
 const MEAN_ROUNDS: usize = 6;
 
-/// Identifies the model again beside a constant at each output, and returns it with its relative free-run error and
-/// these offsets. If the records show no offsets, the model is the one without them.
+/// Identifies the model again, together with a constant at each output. Returns the model with its relative free-run
+/// error, and the offsets. If the records show no clear offsets, the model without offsets is returned.
 pub(super) fn with_offsets(
     case: &Case,
     records: &[Record],
     plain: (Linear, f64),
 ) -> Result<((Linear, f64), Vec<f64>), GapError> {
-    // In the records beside those that are set aside, an offset is a cause.
+    // If records are set aside for the model, an offset in the other records is a cause to be named.
     if case.controller.is_some() || !case.for_simulation.is_empty() {
         return Ok((plain, Vec::new()));
     }
-    // About the means of each record, a constant can be told from slow poles from the start.
+    // Without the means of each record, the first model has no constant that slow poles would have to imitate.
     let mut centred = records.to_vec();
     centred.iter_mut().for_each(centre);
     let Ok((mut from, _)) = linear(case, &centred, false) else { return Ok((plain, Vec::new())) };
@@ -56,8 +57,9 @@ pub(super) fn with_offsets(
     Ok(best.unwrap_or((plain, Vec::new())))
 }
 
-/// Returns the mean error of the free runs of a model, for each output. The initial state of a run takes a part of a
-/// constant error for a transient, so what is left of it is determined again without the mean so far.
+/// Returns the mean error of the free runs of a model, for each output. The fitted initial state of a run absorbs a
+/// part of a constant error as a transient, so the remaining error is determined again after the mean so far has been
+/// subtracted.
 fn mean_errors(model: &Model, records: &[Record], settings: &PlantSettings) -> Result<Vec<f64>, GapError> {
     let plant = Plant::with_settings(model, settings)?;
     let mut shifted = records.to_vec();

@@ -6,10 +6,10 @@ use crate::case::{Case, PortConfig};
 use crate::error::GapError;
 use crate::plant::CasePort;
 
-/// Returns the ports of a case by the numbers of their channels.
+/// Returns the ports of a case with the indices of their channels.
 ///
 /// # Errors
-/// [`GapError::Port`] if an output is declared to measure no motion.
+/// Returns [`GapError::Port`] if a channel is unknown, or if an output is declared to measure no motion.
 pub fn of_case(case: &Case) -> Result<Vec<CasePort>, GapError> {
     let one = |port: &PortConfig| {
         let refused = |message: String| GapError::Port { name: port.name.clone(), message };

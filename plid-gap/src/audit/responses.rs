@@ -1,4 +1,4 @@
-//! The response of the simulation to every measured input on every one of its inputs, and its correlation with the
+//! The responses of the simulation to every measured input at each of its inputs, and their correlation with the
 //! measured outputs.
 
 use ndarray::Array2;
@@ -31,7 +31,7 @@ pub struct Responses {
     pub m: usize,
     /// Number of outputs.
     pub p: usize,
-    /// Largest delay: delays run from minus this to this.
+    /// Largest delay in samples; delays from minus to plus this value are considered.
     pub reach: usize,
     /// 1 / (sum of squares) of each measured output.
     pub weight: Vec<f64>,
@@ -42,10 +42,10 @@ impl Responses {
     /// Simulates the responses.
     ///
     /// # Errors
-    /// [`GapError::Model`].
+    /// Returns [`GapError::Model`] if the simulation cannot be run.
     pub fn new(model: &Model, records: &[&Record]) -> Result<Self, GapError> {
         let (m, p) = (model.m(), model.p());
-        // A delay by a whole period is not a delay.
+        // A delay by a whole period cannot be distinguished from none.
         let longest = |record: &&Record| match record.excitation {
             Excitation::Periodic(period) => (period / 2).min(record.samples() / 4),
             _ => record.samples() / 4,
@@ -57,9 +57,8 @@ impl Responses {
         Ok(Self { m, p, reach, weight, records: driven })
     }
 
-    /// Returns the sums of y_o(k + lag) s(k) over all records for the lags -reach..=reach: y is one of the measured
-    /// outputs, and s is a sum of simulated ones, each given as input of the simulation, measured input, output of the
-    /// simulation, factor.
+    /// Returns the sums of y_o(k + lag) s(k) over all pairs and all records, for the lags -reach..=reach. Each pair
+    /// consists of a measured output o and a simulated output s.
     pub fn correlation(&self, pairs: &[(usize, Simulated)]) -> Vec<f64> {
         let mut sums = vec![0.0; 2 * self.reach + 1];
         for record in &self.records {
@@ -79,7 +78,7 @@ impl Responses {
         sums
     }
 
-    /// Returns the sum of products of two simulated outputs.
+    /// Returns the sum of the products of two simulated outputs over all records.
     pub fn product(&self, a: Simulated, b: Simulated) -> f64 {
         let of = |record: &Driven| {
             let s = |x: Simulated| &record.s[x.input * self.m + x.wire][x.output];
@@ -113,7 +112,7 @@ impl Responses {
     }
 }
 
-/// A simulated output: the input of the simulation and the measured input that drives it.
+/// A simulated output, with the input of the simulation and the measured input that drives it.
 #[derive(Debug, Clone, Copy)]
 pub struct Simulated {
     /// The simulation's input.
@@ -122,7 +121,7 @@ pub struct Simulated {
     pub wire: usize,
     /// The simulation's output.
     pub output: usize,
-    /// Its factor.
+    /// The factor of the output.
     pub factor: f64,
 }
 

@@ -1,5 +1,5 @@
 //! The wiring with which the simulation agrees best: permutations, signs and units of outputs and inputs, and one
-//! delay, by cross-correlation and least squares before any fit.
+//! delay. It is found by cross-correlation and least squares before any fit.
 
 use nalgebra::{DMatrix, DVector};
 use plid_model::Model;
@@ -12,13 +12,16 @@ use crate::error::GapError;
 use crate::settings::AuditSettings;
 use plid_report::percent;
 
-/// Number of channels up to which all permutations are tried; with more, all exchanges of two are, to bound the time.
+/// Number of channels up to which all permutations are tried. With more channels, only exchanges of two are tried, to
+/// bound the time.
 const ALL_PERMUTATIONS: usize = 5;
 
-/// Number of outputs up to which all signs are among the starts, to bound the time.
+/// Number of outputs up to which the search starts from all combinations of signs; with more outputs it does not, to
+/// bound the time.
 const ALL_SIGNS: usize = 3;
 
-/// Factors between units in use, with the units. Smaller ones (2, the root of 2) are left to gains, which are fitted.
+/// Factors between units in use, with the units. Smaller factors (2, the square root of 2) are left to gains, which
+/// are fitted.
 const UNITS: [(f64, &str); 9] = [
     (1e6, "as between micro-units and units"),
     (1e3, "as between milli-units and units"),
@@ -40,14 +43,14 @@ pub struct Mismatch {
     pub before: f64,
     /// The gap with this wiring.
     pub after: f64,
-    /// Whether it is strong enough to be corrected for the following steps.
+    /// Whether the mismatch is clear enough to be corrected for the following steps.
     pub explains: bool,
     /// The mismatch in words.
     pub sentence: String,
 }
 
 impl Mismatch {
-    /// Returns the consequence of the correction, for the reader.
+    /// Returns the consequences of the correction in words.
     pub(super) fn consequences(&self) -> Vec<String> {
         let mut said = vec!["Everything below refers to the corrected simulation.".to_string()];
         let delay = self.wiring.delay;
@@ -58,14 +61,14 @@ impl Mismatch {
     }
 }
 
-/// Share of the least price below which the price of another wiring must lie to replace it. Wirings that are
-/// equivalent, such as all inputs or all outputs negated, differ by rounding alone; of these the first is kept.
+/// A wiring replaces the best one only if its price is below this share of the lowest price. Wirings that are
+/// equivalent, such as all inputs or all outputs negated, differ by rounding alone, and the first of them is kept.
 const LOWER: f64 = 0.999;
 
 /// Looks for a mismatch.
 ///
 /// # Errors
-/// [`GapError::Model`] if the simulation cannot be run.
+/// Returns [`GapError::Model`] if the simulation cannot be run.
 pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     let settings = &case.config.settings.audit;
     let records = driven(&case.records, &case.config.settings.case);
@@ -78,7 +81,7 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     let outputs = |from: &Wiring| pruned(&responses, with_outputs(&responses, from, settings), settings);
     let inputs = |from: &Wiring| pruned(&responses, with_inputs(&responses, from, settings), settings);
     // Outputs come first: if a change of either side is equivalent (all negated, all in other units), the sensors are
-    // the more usual cause.
+    // the more frequent cause.
     let outer = outputs(&plain);
     let inner = inputs(&plain);
     let both = [inputs(&outer), outputs(&inner)];
@@ -114,7 +117,7 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     Ok(Some(Mismatch { wiring: best, before, after, explains: after <= settings.corrected * least, sentence }))
 }
 
-/// Returns the squared gap with the price of all changes.
+/// Returns the squared gap, multiplied by the price of each change.
 fn price(responses: &Responses, wiring: &Wiring, settings: &AuditSettings) -> f64 {
     let changes = wiring.changes(settings.same_factor);
     responses.gap(wiring).powi(2) * settings.change_price.powi(changes as i32)
@@ -132,7 +135,7 @@ fn pruned(responses: &Responses, mut wiring: Wiring, settings: &AuditSettings) -
     }
 }
 
-/// Returns the best outputs and delay for these inputs.
+/// Returns the wiring with the best outputs and delay for the inputs of `from`.
 fn with_outputs(responses: &Responses, from: &Wiring, settings: &AuditSettings) -> Wiring {
     let (p, reach) = (responses.p, responses.reach as i64);
     let simulated = |output: usize| -> Vec<Simulated> {
@@ -163,7 +166,7 @@ fn with_outputs(responses: &Responses, from: &Wiring, settings: &AuditSettings) 
     let outputs = order
         .iter()
         .enumerate()
-        // The ratio of sizes, because least squares underestimate the factor if phases are off.
+        // The gain is the ratio of the sizes, because least squares underestimates the factor if the phases differ.
         .map(|(o, &q)| Wire {
             channel: q,
             gain: plausible((responses.weight[o] * size[q]).sqrt().recip().copysign(with[o][q][at]), settings),
@@ -172,10 +175,11 @@ fn with_outputs(responses: &Responses, from: &Wiring, settings: &AuditSettings) 
     Wiring { outputs, inputs: from.inputs.clone(), delay: at as i64 - reach }
 }
 
-/// Returns the best inputs and delay for these outputs: each order of the inputs, with gains by least squares.
+/// Returns the wiring with the best inputs and delay for the outputs of `from`. Each order of the inputs is tried,
+/// with gains by least squares.
 fn with_inputs(responses: &Responses, from: &Wiring, settings: &AuditSettings) -> Wiring {
     let (m, reach) = (responses.m, responses.reach as i64);
-    // The output o is measured where the simulation gives gain times its `channel`.
+    // The measured output o corresponds to `gain` times the simulation's output `channel`.
     let simulated = |input: usize, wire: usize| -> Vec<(usize, Simulated)> {
         let outputs = from.outputs.iter().enumerate();
         outputs
@@ -217,14 +221,15 @@ fn with_inputs(responses: &Responses, from: &Wiring, settings: &AuditSettings) -
     Wiring { outputs: from.outputs.clone(), inputs, delay: at as i64 - reach }
 }
 
-/// Returns the best of all lags; that without delay if the delay is shorter than `shortest` samples.
+/// Returns the best result over all lags, or the best result without delay if the best delay is shorter than
+/// `shortest` samples.
 fn best_or_at_once<T>(best: impl Fn(&[usize]) -> (T, usize), reach: i64, shortest: usize) -> (T, usize) {
     let all: Vec<usize> = (0..=2 * reach as usize).collect();
     let found = best(&all);
     if (found.1 as i64 - reach).unsigned_abs() as usize >= shortest { found } else { best(&[reach as usize]) }
 }
 
-/// Returns these wirings with one factor between units on all outputs or on all inputs, and no other factor.
+/// Returns both wirings with one factor between units on all outputs or on all inputs, and no other factor.
 fn in_other_units(best: &Wiring, plain: &Wiring) -> Vec<Wiring> {
     let sized = |wires: &[Wire], size: f64| -> Vec<Wire> {
         wires.iter().map(|wire| Wire { gain: size.copysign(wire.gain), ..*wire }).collect()
@@ -240,8 +245,8 @@ fn in_other_units(best: &Wiring, plain: &Wiring) -> Vec<Wiring> {
     all
 }
 
-/// Returns all orders of the outputs; of a few outputs also all signs, except that of all of them, which is equivalent
-/// to that of all inputs.
+/// Returns wirings with all orders of the outputs and, if the outputs are few, all combinations of their signs. One
+/// sign is fixed, because a negation of all outputs is equivalent to a negation of all inputs.
 fn starts(responses: &Responses) -> Vec<Wiring> {
     let (m, p) = (responses.m, responses.p);
     let signs = if p <= ALL_SIGNS { 1 << (p - 1) } else { 1 };
@@ -253,7 +258,8 @@ fn starts(responses: &Responses) -> Vec<Wiring> {
     permutations(p).iter().flat_map(|order| (0..signs).map(|signs| start(order, signs)).collect::<Vec<_>>()).collect()
 }
 
-/// Returns a sign, with a factor if it is one between units.
+/// Returns the part of a gain that belongs to the wiring: its sign, times a factor if the gain is close to one between
+/// units. A gain that is too large or too small to be fitted is returned as it is.
 fn plausible(gain: f64, settings: &AuditSettings) -> f64 {
     let size = gain.abs();
     let sign = if gain < 0.0 { -1.0 } else { 1.0 };
@@ -266,14 +272,14 @@ fn plausible(gain: f64, settings: &AuditSettings) -> f64 {
     }
 }
 
-/// Returns the known factor within this relative distance.
+/// Returns the known factor between units that lies within this relative distance of `size`.
 fn unit(size: f64, distance: f64) -> Option<(f64, &'static str)> {
     let both = UNITS.iter().flat_map(|&(factor, units)| [(factor, units), (1.0 / factor, units)]);
     both.min_by(|a, b| (size / a.0).ln().abs().total_cmp(&(size / b.0).ln().abs()))
         .filter(|(factor, _)| (size / factor - 1.0).abs() < distance)
 }
 
-/// Returns all orders of a few channels; of many, all exchanges of two.
+/// Returns all orders if the channels are few, and otherwise the original order and all exchanges of two.
 fn permutations(count: usize) -> Vec<Vec<usize>> {
     let plain: Vec<usize> = (0..count).collect();
     let mut orders = vec![plain.clone()];
@@ -388,7 +394,7 @@ mod tests {
         find(&case, &model).unwrap()
     }
 
-    /// The mismatch explains the gap, in exactly these words.
+    /// Asserts that the mismatch explains the gap, in exactly these words, and returns its wiring.
     fn says(mismatch: Option<Mismatch>, words: &str) -> Wiring {
         let mismatch = mismatch.expect("a mismatch");
         assert!(mismatch.explains && mismatch.after < 0.05, "{mismatch:?}");
@@ -445,7 +451,7 @@ mod tests {
             "Every output looks in other units, 4.4482 times the simulation's (as between newtons and pounds), or \
             every input",
         );
-        // A record in millivolts drives the simulation with a thousandth.
+        // An input recorded in millivolts drives the simulation with a thousandth of its numbers.
         says(
             found(|u, _| scaled(&mut u[1], 1000.0)),
             "Input u2 looks in other units, 0.001 times the simulation's (as between milli-units and units)",

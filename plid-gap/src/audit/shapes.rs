@@ -3,8 +3,10 @@
 use crate::case::Case;
 use crate::error::GapError;
 
+/// Checks that the records have the channels, lengths and rate of the case and of the simulation.
+///
 /// # Errors
-/// [`GapError::Record`], [`GapError::TooLittle`].
+/// Returns [`GapError::Record`] for a record that does not match, and [`GapError::TooLittle`] if there is no record.
 pub fn check(case: &Case) -> Result<(), GapError> {
     let config = &case.config;
     if case.records.is_empty() {

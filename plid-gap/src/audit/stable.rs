@@ -5,13 +5,14 @@ use plid_model::{Model, close_loop};
 use crate::case::Case;
 use crate::error::GapError;
 
-/// Poles this near the unit circle neither grow nor decay.
+/// Responses of poles within this distance of the unit circle count as neither growing nor decaying.
 pub(crate) const ON_THE_CIRCLE: f64 = 1e-9;
 
-/// A pole on the unit circle is a finding.
+/// Checks the stability of the simulation. Returns a finding if a pole lies on the unit circle.
 ///
 /// # Errors
-/// [`GapError::Unstable`] for a pole outside; [`GapError::UnstableLoop`] for one of the closed loop.
+/// Returns [`GapError::Unstable`] for a pole outside the unit circle, and [`GapError::UnstableLoop`] for such a pole
+/// of the closed loop.
 pub fn check(case: &Case, model: &Model) -> Result<Option<String>, GapError> {
     let closed = case.controller.as_ref().map(|controller| close_loop(model, &controller.model)).transpose()?;
     let found = plid_model::stability(closed.as_ref().unwrap_or(model))?;

@@ -2,9 +2,9 @@
 //! gives for the records' inputs or, without such outputs, the best linear model of the records themselves, or of those
 //! that the case sets aside for it.
 //!
-//! Both are output-error refinements of a subspace estimate. The first stands for a simulator of any kind, with an
-//! error of its own. The second has already absorbed all of the gap that a linear model can, which leaves only
-//! nonlinear effects to be found.
+//! Both are output-error refinements of a subspace estimate. The first replaces a simulator of any kind, with an error
+//! of its own. The second has already absorbed the whole part of the gap that a linear model can absorb, so that only
+//! nonlinear effects remain to be found.
 
 use std::sync::Arc;
 
@@ -28,10 +28,10 @@ use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
 use crate::settings::{AuditSettings, GapSettings, PlantSettings};
 
-/// Largest number of states, approximately, of a simulator that is identified exactly.
+/// Approximate largest number of states of a simulator that is identified exactly.
 const MOST_STATES: usize = 40;
 
-/// Least share of an output's power that rounding leaves.
+/// Least share of an output's power that rounding leaves as an error.
 const ROUNDING: f64 = 1e-20;
 
 /// A surrogate model for a case without a simulation.
@@ -43,11 +43,11 @@ pub struct Surrogate {
     pub words: String,
     /// Standard deviations of its parameters in the order of [`Nuisance`], by which its prior is widened.
     pub prior_std: Vec<f64>,
-    /// The constant that each output has beside its response (p); empty if the records show none.
+    /// The constant that each output contains in addition to its response (p); empty if the records show none.
     pub offsets: Vec<f64>,
     /// The best linear model of the records with its offsets, if the model was identified with the forces of a law.
     pub best_linear: Option<(Model, Vec<f64>)>,
-    /// Its error on the records from which it was identified, if that is not noise.
+    /// The error of the model on the records from which it was identified, if the error is not noise.
     pub model_error: Option<ModelError>,
     /// The assumed course of the inputs between the samples.
     pub intersample: Intersample,
@@ -56,8 +56,8 @@ pub struct Surrogate {
 /// Identifies a model for a case without one.
 ///
 /// # Errors
-/// [`GapError::TooLittle`] if the records are too short for the requested states; [`GapError::Failed`] if no model can
-/// be identified.
+/// Returns [`GapError::TooLittle`] if the records are too short for the requested states, and [`GapError::Failed`] if
+/// no model can be identified.
 pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, GapError> {
     let fitted: Vec<Record> = fitted_records(case)?.into_iter().cloned().collect();
     let of_simulator = fitted.iter().all(|record| record.simulated.is_some());
@@ -65,13 +65,13 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, G
     surrogate(case, fitted, of_simulator, None)
 }
 
-/// Identifies the model of the records again, with the forces of a law that was found as further inputs (feedback as
-/// inputs: J. P. Noel and G. Kerschen, Mechanical Systems and Signal Processing 40, 2013). Without them a linear model
-/// contains a part of the law, and its error is so large that the course of the inputs between the samples hardly shows
-/// in it. `None` if the forces in a record are unknown.
+/// Identifies the model of the records again, with the forces of a law as further inputs (feedback as inputs: J. P.
+/// Noel and G. Kerschen, Mechanical Systems and Signal Processing 40, 2013). Without these forces, a linear model
+/// contains a part of the law, and its error is so large that the course of the inputs between the samples hardly
+/// affects it. `None` if the forces in a record are unknown.
 ///
 /// # Errors
-/// As [`identify`].
+/// Returns the errors of [`identify`].
 pub fn identify_with(case: &Case, law: &Law) -> Result<Option<Surrogate>, GapError> {
     let driven = fitted_records(case)?.into_iter().map(|record| law.drives(record, case.config.rate()));
     let Some(fitted) = driven.collect::<Option<Vec<_>>>() else { return Ok(None) };
@@ -88,7 +88,7 @@ fn surrogate(case: &Case, fitted: Vec<Record>, of_simulator: bool, law: Option<&
     let set_aside = !case.for_simulation.is_empty();
     let model_error =
         if of_simulator { None } else { model_error(&model, &fitted, set_aside, &case.config.settings.plant)? };
-    // Without the forces, the model is that of the plant alone.
+    // Without the inputs of the forces, the model is that of the plant alone.
     let m = case.config.inputs.len();
     model.b = model.b.columns(0, m).into_owned();
     model.d = model.d.columns(0, m).into_owned();
@@ -122,9 +122,10 @@ fn best_linear(case: &Case, mut records: Vec<Record>) -> Result<(Model, Vec<f64>
     Ok((linear.model, offsets))
 }
 
-/// Identifies the model with both holds of the inputs, if it is one of the records, and returns the better one with its
-/// relative free-run error and the records whose inputs are held so. A simulator gets the samples of its inputs,
-/// whatever these do in between.
+/// Identifies a model of the records with both holds of the inputs, and a model of a simulator with the zero-order
+/// hold alone. Returns the better model with its relative free-run error, the records with their inputs held
+/// accordingly, and the hold. A simulator receives only the samples of its inputs, whatever the inputs do between
+/// them.
 fn either_hold(
     case: &Case,
     fitted: Vec<Record>,
@@ -152,7 +153,7 @@ pub(super) fn linear(case: &Case, fitted: &[Record], of_simulator: bool) -> Resu
     let records = arrays.records();
     let options = options(&records);
     let (rate, settings) = (case.config.rate(), &case.config.settings.audit);
-    // A start that is judged by the tails of the records must not have been fitted to them.
+    // An initial model that is judged by the tails of the records must not have been fitted to these tails.
     let head = plid_refine::head(&records).map_err(failed)?;
     let tried = of_simulator && case.config.states.is_none();
     let exact = tried.then(|| itself(&head, &records, rate, settings.exact)).flatten();
@@ -164,7 +165,7 @@ pub(super) fn linear(case: &Case, fitted: &[Record], of_simulator: bool) -> Resu
     Ok((linear, error))
 }
 
-/// Returns the outputs that a model is to give: those of the engineer's simulator, or the measured ones.
+/// Returns the outputs that a model is to reproduce: those of the engineer's simulator, or the measured ones.
 fn simulated_or_measured(record: &Record, of_simulator: bool) -> &Channels {
     record.simulated.as_ref().filter(|_| of_simulator).unwrap_or(&record.y)
 }
@@ -195,8 +196,8 @@ pub(super) struct Linear {
     pub validation_error: f64,
 }
 
-/// Identifies the linear simulator exactly, with its own number of states. `None` if its outputs do not determine it,
-/// or if it does not predict them after the heads of the records.
+/// Identifies a linear simulator exactly, with its own number of states. Returns `None` if the simulator's outputs do
+/// not determine the model, or if the model does not predict them after the heads of the records.
 fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f64, exact: f64) -> Option<Linear> {
     let found = plid_refine::exact(head, MOST_STATES, true, rate).ok()??;
     let start = |k: usize| &found.initial_states[k];
@@ -231,8 +232,8 @@ fn fitted_best(
     Ok(Linear { model: choice.refined.model, std, validation_error })
 }
 
-/// Subtracts from the measured outputs the part of the simulator's own outputs that the model does not follow, if these
-/// are given. The remaining gap is that to the simulator, not to its surrogate.
+/// Subtracts from the measured outputs the part of the simulator's own outputs that the model does not reproduce, if
+/// the simulator's outputs are given. The remaining gap is that to the simulator, not to its surrogate.
 pub fn take_misfit(record: &mut Record, model: &Model) {
     let Some(simulated) = &record.simulated else { return };
     let Ok(run) = plid_model::simulate(model, matrix(&record.u).view(), &model.rest()) else { return };
@@ -241,8 +242,8 @@ pub fn take_misfit(record: &mut Record, model: &Model) {
     }
 }
 
-/// Estimates the error from the longest record. The periodic part of a periodic record may be an effect, unless the
-/// record was set aside for the model.
+/// Estimates the model's error from the longest random record or, if the records were set aside for the model, from
+/// the longest record. Otherwise, the periodic part of the error in a periodic record may be an effect.
 fn model_error(
     model: &Model,
     records: &[Record],
@@ -257,9 +258,10 @@ fn model_error(
 }
 
 /// Returns the standard deviations of the model's parameters, as far as the records from which it was identified
-/// determine them, if the residual is white noise of these standard deviations. An undetermined parameter stays within
-/// a tenth of itself. A model of the records themselves has absorbed a part of the effect: a stiffening spring as a
-/// higher frequency, friction as a larger damping ratio. Its parameters are therefore `free` within wide limits.
+/// determine them, if the residual is white noise of these standard deviations. The standard deviation of an
+/// undetermined frequency or shape is a tenth of itself, and that of an undetermined damping ratio is as large as the
+/// ratio. A model of the records themselves has absorbed a part of the effect: a stiffening spring as a higher
+/// frequency, friction as a larger damping ratio. Its parameters are therefore `free` within wide limits.
 fn prior_std(
     model: &Model,
     records: &[Record],
@@ -358,7 +360,7 @@ mod tests {
         );
     }
 
-    /// The real inputs vary linearly between samples, and the records have their samples.
+    /// The real inputs vary linearly between samples, and the records contain their sampled values.
     #[test]
     fn inputs_that_do_not_step_are_recognised() {
         let mut case = case(&truss(3), &truss(3));
@@ -378,13 +380,13 @@ mod tests {
 
     #[test]
     fn the_engineers_simulator_is_identified_not_the_records() {
-        // The simulator is another truss than the measured one.
+        // The simulator is a different truss from the measured one.
         let mut case = case(&truss(4), &truss(3));
         for record in &mut case.records {
             record.simulated = Some(run(&truss(4), &record.u));
         }
         let Surrogate { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
-        // It has its own number of states and no rounding.
+        // The model has the simulator's number of states and no rounding errors.
         assert_eq!(model.n(), truss(4).n());
         assert!(apart(&model, &truss(4)) < 1e-5, "{}", apart(&model, &truss(4)));
         assert!(apart(&model, &truss(3)) > 0.5);
@@ -392,7 +394,7 @@ mod tests {
             words.starts_with("The simulator was identified exactly from its outputs: it is linear with"),
             "{words}"
         );
-        // Outputs that are rounded to four digits do not show the order.
+        // Outputs that are rounded to four decimal places do not reveal the order.
         for value in case.records.iter_mut().flat_map(|record| record.simulated.iter_mut().flatten().flatten()) {
             *value = (1e4 * *value).round() / 1e4;
         }

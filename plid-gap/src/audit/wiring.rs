@@ -5,16 +5,16 @@ use plid_model::Model;
 
 use crate::case::record::Record;
 
-/// A channel of the simulation and a factor.
+/// A connection between a channel of the simulation and a measured channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wire {
-    /// The other channel.
+    /// The channel at the other end: an output of the simulation, or a measured input.
     pub channel: usize,
     /// A sign, or a factor between two units.
     pub gain: f64,
 }
 
-/// The wiring with which the simulation agrees with the records.
+/// The wiring with which the simulation agrees best with the records.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wiring {
     /// Measured output o = gain times the simulation's output `channel`.
@@ -26,7 +26,7 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// The wiring as given.
+    /// Returns the wiring as given.
     pub fn plain(m: usize, p: usize) -> Self {
         Self { outputs: straight(p), inputs: straight(m), delay: 0 }
     }
@@ -34,7 +34,7 @@ impl Wiring {
     /// Returns the simulation with channels, signs and units as in the records.
     pub fn applied(&self, model: &Model) -> Model {
         let (n, m, p) = (model.n(), model.m(), model.p());
-        // The column of a measured input is that of the simulation's input that it drives.
+        // The column of a measured input is the column of the simulation's input that this measured input drives.
         let driven: Vec<usize> =
             (0..m).map(|j| self.inputs.iter().position(|wire| wire.channel == j).expect("a permutation")).collect();
         let columns = |b: &DMatrix<f64>| {
@@ -68,15 +68,15 @@ impl Wiring {
                 *output = self.outputs.iter().map(|wire| wire.gain * output[wire.channel]).collect();
             }
         }
-        // These belong to the channels in their former order.
+        // These quantities belong to the channels in their former order.
         put.predictor_gain = None;
         put.observability_indices = None;
         put.parameter_covariance = None;
         put
     }
 
-    /// Shifts a record's inputs to the time at which they act. If they act earlier than written, the end of the record
-    /// is lost.
+    /// Shifts a record's inputs to the time at which they act. If they act earlier than recorded, the end of the
+    /// record is lost.
     pub fn delay_inputs(&self, record: &mut Record) {
         let shift = (self.delay.unsigned_abs() as usize).min(record.samples());
         if self.delay >= 0 {
@@ -91,7 +91,7 @@ impl Wiring {
         }
     }
 
-    /// Returns all wirings with one change taken back.
+    /// Returns all wirings with one change undone.
     pub fn simpler(&self) -> Vec<Self> {
         let mut all = Vec::new();
         let mut put = |wiring: Self| {

@@ -9,7 +9,8 @@ use plid_data::nearest;
 use plid_data::prepare::decimate;
 use plid_data::prepare::trend::Trend;
 
-/// Prefix of the names of ports on single modes, which no case may give; the mode's frequency follows.
+/// Prefix of the names of ports on single modes; the mode's frequency follows. No case may declare a port with such a
+/// name.
 pub(crate) const ON_A_MODE: &str = "mode:";
 
 /// The contents of a case file, CASE.toml.
@@ -22,7 +23,7 @@ pub struct CaseConfig {
     /// The engineer's own simulator, which is run during the diagnosis.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub simulator: Option<SimulatorConfig>,
-    /// The controller that was at work while the records were taken.
+    /// The controller that was active while the records were taken.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub controller: Option<ControllerConfig>,
     /// Number of states of the surrogate model.
@@ -37,20 +38,21 @@ pub struct CaseConfig {
     /// Trend that is removed from every channel of the records: `none` (default), `mean` or `linear`.
     #[serde(default = "no_trend", skip_serializing_if = "is_no_trend")]
     pub trend: Trend,
-    /// Frequency band in Hz that is fitted and judged. If absent, all frequencies are.
+    /// Frequency band in Hz that is fitted and judged. If absent, all frequencies are used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
     /// Columns of the records that are inputs.
     pub inputs: Vec<String>,
     /// Columns of the records that are outputs.
     pub outputs: Vec<String>,
-    /// Quantities that the outputs measure, by name. If absent, they are those that the simulation declares or shows.
+    /// Quantities that the outputs measure, by name. If absent, they are those that the simulation declares or that
+    /// are inferred from it.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub output_kinds: BTreeMap<String, OutputKind>,
-    /// Units of the channels, by name. Quantities of the answer are given in them.
+    /// Units of the channels, by name. Quantities of the answer are given in these units.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub units: BTreeMap<String, String>,
-    /// Places where forces may act that depend on the motion, each by an input and an output.
+    /// Places where forces that depend on the motion may act, each declared by an input and an output.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub port: Vec<PortConfig>,
     /// Effects or locations that the engineer suspects.
@@ -62,7 +64,7 @@ pub struct CaseConfig {
     /// Limits of the simulation's errors.
     #[serde(default)]
     pub nuisance: Limits,
-    /// A gap beyond the noise that matters, relative to the output.
+    /// The smallest gap beyond the noise that matters, relative to the output.
     #[serde(default = "material")]
     pub material: f64,
     /// Thresholds of the diagnosis.
@@ -73,8 +75,8 @@ pub struct CaseConfig {
     pub record: Vec<RecordConfig>,
 }
 
-/// A place where a force may act: it acts on the same states as an input, and its motion is the one that an output
-/// shows.
+/// A place where a force may act. The force acts on the same states as an input, and an output shows the motion of the
+/// place.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PortConfig {
@@ -86,7 +88,7 @@ pub struct PortConfig {
     pub output: String,
 }
 
-/// Two per cent of the output.
+/// Returns the default: two per cent of the output.
 fn material() -> f64 {
     0.02
 }
@@ -105,7 +107,8 @@ fn is_no_trend(trend: &Trend) -> bool {
 pub struct RecordConfig {
     /// The file, relative to the case.
     pub file: String,
-    /// First row of the file that counts, from 0, and the one after the last. If absent, all rows count.
+    /// First row of the file that is used, counted from 0, and the row after the last one. If absent, all rows are
+    /// used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub samples: Option<[usize; 2]>,
     /// The excitation.
@@ -173,7 +176,7 @@ impl RecordConfig {
         self.r#use == Some(Use::Test)
     }
 
-    /// Returns the invalid values, as key and reason; one sample in `ratio` is kept.
+    /// Returns the invalid values, as key and reason. One sample in `ratio` is kept.
     fn problems(&self, ratio: usize) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();
         if let Some([from, to]) = self.samples
@@ -201,19 +204,19 @@ impl RecordConfig {
 }
 
 impl CaseConfig {
-    /// Returns whether the case says which records are held out.
+    /// Returns whether the case states which records are held out.
     pub fn names_held_out(&self) -> bool {
         self.record.iter().any(RecordConfig::is_held_out)
     }
 
-    /// Returns the names of the files of a case: simulation, controller and records, as they stand in it.
+    /// Returns the names of the files of a case: simulation, controller and records, as they are written in the case.
     pub fn files(&self) -> Vec<&str> {
         let given = self.sim.iter().chain(self.controller.iter().map(|controller| &controller.model));
         let records = self.record.iter().flat_map(|record| std::iter::once(&record.file).chain(&record.simulated));
         given.chain(records).map(String::as_str).collect()
     }
 
-    /// Creates a case of channels at a sample rate, with default values otherwise.
+    /// Creates a case with these channels and this sample rate, and with default values otherwise.
     pub fn new(sample_rate_hz: f64, inputs: Vec<String>, outputs: Vec<String>) -> Self {
         Self {
             sim: None,
@@ -314,8 +317,8 @@ impl CaseConfig {
         problems
     }
 
-    /// Returns the units and ports that do not name channels, as key and reason. `references` are further channels that
-    /// have units. In closed loop this can be said once the inputs are those of the simulation.
+    /// Returns the units and ports that do not name channels, as key and reason. `references` are further channels
+    /// that have units. In closed loop, this check has to wait until the inputs are those of the simulation.
     pub(super) fn channel_problems(&self, references: &[String]) -> Vec<(&'static str, String)> {
         let mut problems = self.unit_problems(references);
         problems.extend(self.port_problems());
@@ -363,13 +366,13 @@ impl CaseConfig {
     /// Returns the decimation ratio k: every k-th sample is kept.
     ///
     /// # Errors
-    /// If `decimate_to_hz` is not an integer fraction of the rate.
+    /// Returns a message if `decimate_to_hz` is not an integer fraction of the rate.
     pub fn ratio(&self) -> Result<usize, String> {
         let Some(to) = self.decimate_to_hz else { return Ok(1) };
         decimate::plan(self.sample_rate_hz, to).map(|plan| plan.ratio).map_err(|error| error.to_string())
     }
 
-    /// Returns the units of these channels as far as the case declares them.
+    /// Returns the units of these channels, where the case declares them.
     pub(crate) fn units_of(&self, names: &[String]) -> Vec<Option<String>> {
         names.iter().map(|name| self.units.get(name).cloned()).collect()
     }

@@ -1,10 +1,10 @@
-//! A controller that was at work while the records were taken.
+//! A controller that was active while the records were taken.
 //!
-//! The command of the plant is u = v + K y: v is the part that does not come from feedback. It drives the closed loop,
-//! and it follows from the records: v = K r from the references r, or v = u - K y from recorded commands and outputs.
-//! The simulation is then closed around its own outputs. With v = u - K y that is the recorded command corrected by the
-//! controller's answer to the error of the simulation, u + K (simulated - recorded outputs), for any initial state of
-//! the real controller.
+//! The command of the plant is u = v + K y: v is the part that does not come from feedback. The part v drives the
+//! closed loop and follows from the records: v = K r from the references r, or v = u - K y from recorded commands and
+//! outputs. The loop of the simulation is then closed through its own outputs. With v = u - K y, the command of the
+//! simulation is the recorded command corrected by the controller's response to the error of the simulation, u + K
+//! (simulated - recorded outputs), for any initial state of the real controller.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -20,8 +20,8 @@ use crate::error::GapError;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ControllerConfig {
-    /// Its file, a model.json relative to the case. Its outputs are inputs of the simulation; its inputs are outputs of
-    /// the simulation and, optionally, references.
+    /// The controller's file, a model.json relative to the case. The controller's outputs are inputs of the
+    /// simulation; its inputs are outputs of the simulation and, optionally, references.
     pub model: String,
 }
 
@@ -34,25 +34,26 @@ pub struct Controller {
     pub references: Vec<String>,
     /// State matrix (k x k).
     pub a: DMatrix<f64>,
-    /// From the plant's outputs to the states (k x p).
+    /// Matrix from the plant's outputs to the states (k x p).
     pub b: DMatrix<f64>,
-    /// From the states to the plant's inputs (m x k).
+    /// Matrix from the states to the plant's inputs (m x k).
     pub c: DMatrix<f64>,
-    /// From the plant's outputs to its inputs (m x p).
+    /// Matrix from the plant's outputs to its inputs (m x p).
     pub d: DMatrix<f64>,
-    /// From the references to the states (k x q).
+    /// Matrix from the references to the states (k x q).
     b_references: DMatrix<f64>,
-    /// From the references to the plant's inputs (m x q).
+    /// Matrix from the references to the plant's inputs (m x q).
     d_references: DMatrix<f64>,
     /// Names of the plant's inputs (m), and whether the controller drives them.
     inputs: Vec<(String, bool)>,
 }
 
 impl Controller {
-    /// Wires a controller to a plant by the names of their channels.
+    /// Connects a controller to a plant by the names of their channels.
     ///
     /// # Errors
-    /// As [`plid_model::close_loop`]: other channels or another rate, or an algebraic loop.
+    /// Returns the errors of [`plid_model::close_loop`] for channels or a rate that do not match, and for an algebraic
+    /// loop.
     pub fn new(plant: &Model, model: Model) -> Result<Self, ModelError> {
         close_loop(plant, &model)?;
         let wiring = Wiring::new(plant, &model)?;
@@ -74,9 +75,9 @@ impl Controller {
         })
     }
 
-    /// Returns the names of the signals that drive the closed loop: the references and the inputs of the plant that the
-    /// controller does not drive; without references, the inputs of the plant, for the part that is added to the
-    /// controller's command.
+    /// Returns the names of the signals that drive the closed loop: the references and the inputs of the plant that
+    /// the controller does not drive. Without references, they are the inputs of the plant, which then carry the part
+    /// that is added to the controller's command.
     pub fn drivers(&self) -> Vec<String> {
         let refers = !self.references.is_empty();
         let of_plant = self.inputs.iter().filter(|(_, driven)| !(refers && *driven)).map(|(name, _)| name.clone());
@@ -96,17 +97,18 @@ impl Controller {
         v
     }
 
-    /// Returns the same from the plant's inputs u (m) and outputs y (p): v = u - K y.
+    /// Returns the part of the command that does not come from feedback (m channels) from the plant's inputs u (m) and
+    /// outputs y (p): v = u - K y.
     pub fn without_feedback(&self, u: &[Vec<f64>], y: &[Vec<f64>]) -> Channels {
         combined(u, &self.answer(&self.b, &self.d, y), -1.0)
     }
 
-    /// Returns the plant's inputs (m) by the part without feedback, v (m), and the outputs y (p): u = v + K y.
+    /// Returns the plant's inputs (m) from the part without feedback, v (m), and the outputs y (p): u = v + K y.
     pub fn commands(&self, v: &[Vec<f64>], y: &[Vec<f64>]) -> Channels {
         combined(v, &self.answer(&self.b, &self.d, y), 1.0)
     }
 
-    /// Returns the RMS of each state (k) under these outputs; those that are missing are taken as zero.
+    /// Returns the RMS of each state (k) of a controller that reads these outputs; missing samples are taken as zero.
     pub fn state_sizes(&self, outputs: &[&Channels]) -> Vec<f64> {
         let mut sums = DVector::zeros(self.a.nrows());
         let mut count = 0.0;
@@ -119,7 +121,7 @@ impl Controller {
         sums.iter().map(|sum| (sum / f64::max(count, 1.0)).sqrt()).collect()
     }
 
-    /// Returns the answer at the plant's inputs (m) to a signal that enters by `b` and `d`, from rest.
+    /// Returns the response at the plant's inputs (m), from rest, to a signal that enters through `b` and `d`.
     fn answer(&self, b: &DMatrix<f64>, d: &DMatrix<f64>, signal: &[Vec<f64>]) -> Channels {
         let mut commands = vec![Vec::new(); self.c.nrows()];
         self.run(b, signal, |x, now| {
@@ -129,7 +131,7 @@ impl Controller {
         commands
     }
 
-    /// Calls `see` with the state and the signal at each sample.
+    /// Runs the controller from rest and calls `see` with the state and the signal at each sample.
     fn run(&self, b: &DMatrix<f64>, signal: &[Vec<f64>], mut see: impl FnMut(&DVector<f64>, &DVector<f64>)) {
         let mut x = DVector::zeros(self.a.nrows());
         for n in 0..signal.first().map_or(0, Vec::len) {
@@ -149,7 +151,8 @@ fn combined(a: &[Vec<f64>], b: &[Vec<f64>], factor: f64) -> Channels {
 /// Reads the controller of a case for its simulation.
 ///
 /// # Errors
-/// [`GapError::Model`] for its file; [`GapError::Key`] if it does not fit the simulation or the case's `inputs`.
+/// Returns [`GapError::Model`] for an invalid file, and [`GapError::Key`] if the controller does not fit the
+/// simulation or the case's `inputs`.
 pub(super) fn read(
     path: &Path,
     config: &CaseConfig,
@@ -163,7 +166,7 @@ pub(super) fn read(
     let mut expected = controller.drivers();
     let mut given = config.inputs.clone();
     if controller.references.is_empty() {
-        // As without a controller, where their order is checked.
+        // The order of the inputs is checked, as without a controller.
         (expected == given).then_some(()).ok_or_else(|| {
             let (given, expected) = (given.join(", "), expected.join(", "));
             wrong("inputs", format!("{given} here, but {model} has no reference, so they are {expected}"))
@@ -187,7 +190,7 @@ pub(super) fn read(
 /// feedback.
 ///
 /// # Errors
-/// [`GapError::Record`] if an output that the controller read is missing and the commands were recorded.
+/// Returns [`GapError::Record`] if an output that the controller read is missing and the commands were recorded.
 pub(super) fn open(
     controller: &Controller,
     inputs: &[String],

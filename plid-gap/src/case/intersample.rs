@@ -9,7 +9,7 @@ pub enum Intersample {
     /// Zero-order hold: an input keeps its value until the next sample, as behind a converter.
     #[default]
     Zoh,
-    /// First-order hold: an input runs straight to its next sample, nearly as one that was measured does.
+    /// First-order hold: an input varies linearly until its next sample, nearly as a measured input does.
     Foh,
 }
 
@@ -20,8 +20,8 @@ impl Intersample {
         *self == Self::Zoh
     }
 
-    /// Returns the inputs (m channels) that a simulation with a zero-order hold gets: what each does on average until
-    /// its next sample. The last sample has none and is held.
+    /// Returns the inputs (m channels) for a simulation with a zero-order hold: the mean of each input from each
+    /// sample to the next. The last sample has no successor and is held.
     pub fn held(self, u: &[Vec<f64>]) -> Channels {
         match self {
             Self::Zoh => u.to_vec(),

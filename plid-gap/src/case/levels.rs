@@ -15,12 +15,12 @@ pub struct LevelRun {
     pub y: Channels,
     /// The simulation as given (p channels).
     pub given: Channels,
-    /// With the effects (p channels).
+    /// The simulation with the effects (p channels).
     pub with: Channels,
 }
 
-/// Returns the longest random record of each level, by rising level; if no record is random, the longest driven one.
-/// Levels whose ratio is below `same_level` are one level.
+/// Returns the longest random record of each level, in order of increasing level; if no record is random, the longest
+/// driven one of each level. Levels whose ratio is below `same_level` count as one level.
 pub fn one_of_each_level(records: &[Record], same_level: f64) -> Vec<&Record> {
     let random = |r: &&Record| r.excitation == Excitation::Random && r.is_driven();
     let mut left: Vec<&Record> = records.iter().filter(random).collect();
@@ -43,8 +43,8 @@ pub fn one_of_each_level(records: &[Record], same_level: f64) -> Vec<&Record> {
     chosen
 }
 
-/// Returns the last of the loudest records, a random one if there is any: a drift shows most clearly there. Levels
-/// whose ratio is below `same_level` are one level.
+/// Returns the last of the loudest records, preferably a random one, because a drift is most visible there. Levels
+/// whose ratio is below `same_level` count as one level.
 pub(crate) fn loudest(records: &[Record], same_level: f64) -> &Record {
     let most = records.iter().map(Record::level).fold(0.0, f64::max);
     let loud = || records.iter().rev().filter(|r| r.level() * same_level > most);
@@ -61,7 +61,7 @@ pub fn is_linear(u: &[Vec<f64>], respond: impl Fn(&[Vec<f64>]) -> Channels) -> b
     let (none, once, twice) = (flat(&none), flat(&once), flat(&twice));
     let beyond: Vec<f64> = (0..once.len()).map(|k| (twice[k] - none[k]) - 2.0 * (once[k] - none[k])).collect();
     let whole: Vec<f64> = once.iter().zip(&none).map(|(y, y0)| y - y0).collect();
-    // Rounding makes a relative error of 1e-12; the weakest effect that exceeds noise makes about 1e-4.
+    // Rounding causes a relative error of 1e-12; the weakest effect that exceeds the noise causes about 1e-4.
     rms(&beyond) <= 1e-6 * rms(&whole)
 }
 

@@ -35,12 +35,12 @@ pub struct Case {
     pub config: CaseConfig,
     /// The simulation, if one is given.
     pub model: Option<Model>,
-    /// The controller that was at work, if the case declares one. The inputs of the records are then the part of the
+    /// The controller that was active, if the case declares one. The inputs of the records are then the part of the
     /// command that does not come from feedback.
     pub controller: Option<Arc<Controller>>,
     /// The records in order.
     pub records: Vec<Record>,
-    /// The records from which a missing simulation is identified. If there are none, the other records serve.
+    /// The records from which a missing simulation is identified. If there are none, the other records are used.
     pub for_simulation: Vec<Record>,
     /// Warnings from reading.
     pub warnings: Vec<String>,
@@ -50,15 +50,15 @@ impl Case {
     /// Reads a case and its files, which are in its folder.
     ///
     /// # Errors
-    /// [`GapError`] with file, line, channel or key.
+    /// Returns a [`GapError`] with file, line, channel or key.
     pub fn read(path: &Path) -> Result<Self, GapError> {
         Self::read_with(path, path.parent().unwrap_or(Path::new(".")))
     }
 
-    /// Reads a case whose records' files are in another folder.
+    /// Reads a case whose record files are in the folder `data`.
     ///
     /// # Errors
-    /// [`GapError`] with file, line, channel or key.
+    /// Returns a [`GapError`] with file, line, channel or key.
     pub fn read_with(path: &Path, data: &Path) -> Result<Self, GapError> {
         let mut config: CaseConfig = plid_data::config::read_checked(path, CaseConfig::problems)?;
         let folder = path.parent().unwrap_or(Path::new("."));
@@ -88,14 +88,14 @@ impl Case {
     }
 }
 
-/// Returns the channels one by one.
+/// Returns the columns of an array as channels.
 pub fn columns(data: &Array2<f64>) -> Channels {
     data.columns().into_iter().map(|column| column.to_vec()).collect()
 }
 
 fn check_channels(path: &Path, config: &CaseConfig, model: &Model) -> Result<(), GapError> {
     let wrong = |key: &str, message: String| GapError::Key { file: path.into(), key: key.into(), message };
-    // In closed loop, the inputs are those that the controller leaves.
+    // In closed loop, the inputs are the signals that drive the loop, and are checked with the controller.
     let checked = [("inputs", &config.inputs, &model.inputs), ("outputs", &config.outputs, &model.outputs)];
     for (key, of_case, of_model) in checked.into_iter().skip(usize::from(config.controller.is_some())) {
         if of_case != of_model {
@@ -121,7 +121,7 @@ mod tests {
         read_with("", inputs, rate, samples)
     }
 
-    /// Reads a case from files with one record of these samples and one more.
+    /// Reads a case from files, with one record of these samples and one more sample.
     fn read_with(keys: &str, inputs: &str, rate: f64, samples: &str) -> Result<Case, GapError> {
         let folder = tempfile::tempdir().unwrap();
         let put = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
@@ -203,7 +203,7 @@ mod tests {
         let read = with(&port("axis", "torque", "encoder")).unwrap();
         let expected = PortConfig { name: "axis".into(), input: "torque".into(), output: "encoder".into() };
         assert_eq!(read.port, [expected]);
-        // Whether messages are wrapped in a frame depends on who else uses miette.
+        // Whether messages are wrapped in a frame depends on the other crates that use miette.
         let said = |ports: &str| {
             let text = format!("{:?}", miette::Report::new(with(ports).unwrap_err()));
             text.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ")
@@ -222,7 +222,7 @@ mod tests {
 
     #[test]
     fn a_mean_is_learnt_from_what_is_fitted_alone() {
-        // The last two of eight samples are held out, and y1 is far off there.
+        // The last two of eight samples are held out, and y1 differs greatly in the first of them.
         let case = read_with("trend = \"mean\"", INPUTS, RATE, &format!("{}0,0,99,7", "1,0,5,7\n".repeat(6))).unwrap();
         assert_eq!(case.records[0].y[0][..6], [0.0; 6]);
         assert_eq!(case.records[0].y[0][6], 94.0);

@@ -1,15 +1,15 @@
 //! The period of a record's input.
 //!
 //! The misfit of a period P is RMS(u\[k + P\] - u\[k\]) over sqrt(2) RMS(u), without the mean: zero if the input
-//! repeats exactly, one if it does not repeat at all. Noise and quantisation of the recorded input make it small but
-//! not zero.
+//! repeats exactly, one if it does not repeat at all. With noise or quantisation of the recorded input, the misfit of
+//! the true period is small but not zero.
 
 use ndarray::Array2;
 
 use crate::settings::CaseSettings;
 use plid_fourier::C;
 
-/// Misfits below this are rounding.
+/// Misfits below this value are due to rounding.
 const ROUNDING: f64 = 1e-6;
 
 /// The defect of a declared period.
@@ -21,9 +21,9 @@ pub(super) struct NotPeriodic {
     pub fits: Option<usize>,
 }
 
-/// The inputs of a record, prepared for comparison with themselves.
+/// The inputs of a record, prepared for comparison with shifted copies of themselves.
 pub(super) struct Repeating<'s> {
-    /// For each input, the values without their mean, over its level.
+    /// For each input, the values without their mean, divided by the input's level.
     inputs: Vec<Vec<f64>>,
     /// For each input, the step of its converter, in the same units.
     steps: Vec<f64>,
@@ -31,8 +31,8 @@ pub(super) struct Repeating<'s> {
 }
 
 impl<'s> Repeating<'s> {
-    /// Prepares the inputs of a record. `levels` is the RMS of each input about its mean in the record in which that is
-    /// largest: an input that is idle here need not repeat its noise.
+    /// Prepares the inputs of a record. `levels` is the RMS of each input about its mean in the record in which this
+    /// RMS is largest, because the noise of an input that is idle in this record need not repeat.
     pub fn new(inputs: &Array2<f64>, levels: &[f64], settings: &'s CaseSettings) -> Self {
         let (inputs, steps) = inputs
             .columns()
@@ -54,7 +54,7 @@ impl<'s> Repeating<'s> {
         self.inputs.first().map_or(0, Vec::len)
     }
 
-    /// Returns the misfits of each input over the pair of consecutive periods with the largest difference; `None` if
+    /// Returns the misfit of each input over the pair of consecutive periods with the largest difference; `None` if
     /// the record does not contain two periods.
     fn misfits(&self, period: usize) -> Option<Vec<f64>> {
         let samples = self.samples();
@@ -65,7 +65,7 @@ impl<'s> Repeating<'s> {
             let pair = |first: usize| {
                 let end = (first + period).min(samples - period);
                 let sum: f64 = (first..end).map(|k| (u[k + period] - u[k]).powi(2)).sum();
-                // The end of a record may contain only a few samples of a period, which say little.
+                // The end of a record may contain only a few samples of a period, which carry little information.
                 if 4 * (end - first) < period { 0.0 } else { sum / (end - first) as f64 }
             };
             let worst = (0..samples - period).step_by(period).map(pair).fold(0.0, f64::max);
@@ -79,7 +79,7 @@ impl<'s> Repeating<'s> {
         Some(self.misfits(period)?.into_iter().fold(0.0, f64::max))
     }
 
-    /// Compares a declared period with the inputs. Returns false if the record is too short for that.
+    /// Compares a declared period with the inputs. Returns false if the record is too short for the comparison.
     pub fn check(&self, period: usize) -> Result<bool, NotPeriodic> {
         let Some(misfits) = self.misfits(period) else { return Ok(false) };
         let worst = misfits.into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0));
@@ -102,7 +102,7 @@ impl<'s> Repeating<'s> {
         self.all().into_iter().next()
     }
 
-    /// Returns the period nearest to one that does not fit, among the multiples of the shortest.
+    /// Returns the multiple of the shortest period that is nearest to a period that does not fit.
     fn nearest(&self, period: usize) -> Option<usize> {
         let shortest = self.shortest()?;
         let multiple = (period + shortest / 2) / shortest;
@@ -152,8 +152,8 @@ fn differences(u: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Returns the step of a converter: the smallest distance between two values, if there are few different ones;
-/// otherwise zero.
+/// Returns the step of a converter: the smallest distance between two values if there are few different values, and
+/// zero otherwise.
 fn converter_step(u: &[f64]) -> f64 {
     let mut sorted = u.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -177,7 +177,7 @@ mod tests {
         u.iter().zip(random_input(9, u.len(), 1).remove(0)).map(|(u, e)| u + size * e).collect()
     }
 
-    /// White noise, and a signal that hardly changes from one sample to the next.
+    /// Returns white noise, and a signal that hardly changes from one sample to the next.
     fn inputs() -> [Vec<f64>; 2] {
         let white = random_input(3, 1024, 1).remove(0);
         let tone = |k: usize, line: f64| (std::f64::consts::TAU * line * k as f64 / 1024.0 + line * line).sin();

@@ -44,7 +44,8 @@ impl Record {
         self.y.first().map_or(0, Vec::len)
     }
 
-    /// Returns some of the samples as a separate record. It begins in motion, unless it begins where this one does.
+    /// Returns a range of the samples as a separate record. The new record begins in motion, unless it begins with
+    /// this record and this record begins at rest.
     pub fn part(&self, samples: std::ops::Range<usize>, rate: f64) -> Self {
         let cut = |channels: &Channels| channels.iter().map(|x| x[samples.clone()].to_vec()).collect();
         Self {
@@ -62,8 +63,8 @@ impl Record {
         rms(self.u.iter().flatten())
     }
 
-    /// Returns whether an input drives it. The inputs of a record without excitation may still have been measured, with
-    /// noise.
+    /// Returns whether an input drives the record. The inputs of a record without excitation may still have been
+    /// measured, with noise.
     pub fn is_driven(&self) -> bool {
         self.excitation != Excitation::Zero && self.level() > 0.0
     }

@@ -1,4 +1,4 @@
-//! The records' files: the rows that count, decimated and without trend if the case says so.
+//! The records from their files: the rows that are used, decimated and detrended if the case requests it.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use plid_data::prepare::{decimate, trend};
 use super::period::{NotPeriodic, Repeating};
 use super::{CaseConfig, Channels, ExcitationKind, RecordConfig, StartKind, Use, columns};
 
-/// Reads all records of a case in order. Also returns warnings. `path` is that of the case, for errors.
+/// Reads all records of a case in order, and returns them with warnings. `path` is the path of the case, for errors.
 pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(Vec<Record>, Vec<String>), GapError> {
     let mut warnings = Vec::new();
     let mut measured = Vec::new();
@@ -94,7 +94,7 @@ fn measured_and_simulated(
 /// declared period is compared with the inputs; one that is absent is estimated.
 ///
 /// # Errors
-/// The key and the reason, if an input that is declared periodic does not repeat.
+/// Returns the key and the reason if an input that is declared periodic does not repeat.
 pub fn excitations_of(
     config: &CaseConfig,
     inputs: &[Channels],
@@ -176,7 +176,7 @@ fn period(
     Ok(declared)
 }
 
-/// Returns a record's name: the file, and the rows if not all of them count.
+/// Returns a record's name: the file, and the rows if not all of them are used.
 fn named(given: &RecordConfig) -> String {
     match given.samples {
         Some([from, to]) => format!("{}, rows {from} to {to}", given.file),
@@ -196,7 +196,7 @@ fn rows(path: &Path, given: &RecordConfig, samples: usize) -> Result<[usize; 2],
     }
 }
 
-/// Returns the number of samples of each record from which trends are estimated: none of what is held out.
+/// Returns the number of samples of each record from which trends are estimated. Held-out samples are not among them.
 fn learnt(config: &CaseConfig, records: &[data::Record]) -> Vec<usize> {
     let is_driven = |given: &RecordConfig| given.excitation != ExcitationKind::Zero && given.r#use != Some(Use::Sim);
     let level = |(given, record): (&RecordConfig, &data::Record)| {

@@ -13,21 +13,21 @@ pub struct SimulatorConfig {
     /// The file of the FMU, relative to the case.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fmu: Option<String>,
-    /// Of an FMU: the parameters that may be wrong.
+    /// For an FMU: the parameters that may be wrong.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub parameters: Vec<String>,
-    /// Of an FMU: the places that take a force.
+    /// For an FMU: the places that take a force.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub port: Vec<PortVariables>,
-    /// Of an FMU: number of steps in a sample. If absent, the FMU's own step size decides where there are ports, and
-    /// without ports it is 1.
+    /// For an FMU: number of steps per sample. If absent, the number follows from the FMU's own step size if there are
+    /// ports, and is 1 without ports.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steps_per_sample: Option<usize>,
-    /// Time in s within which it must answer one request.
+    /// Time in s within which the simulator must answer one request.
     #[serde(default = "patience")]
     pub patience_s: f64,
-    /// Expected errors of its parameters, which are not named as causes, by name and in their units: two standard
-    /// deviations.
+    /// Expected errors of the simulator's parameters, by name and in their units, as two standard deviations. Errors
+    /// of this size are not named as causes.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub limits: BTreeMap<String, f64>,
 }
@@ -47,7 +47,7 @@ fn patience() -> f64 {
 }
 
 impl Default for SimulatorConfig {
-    /// Neither a program nor an FMU.
+    /// Returns a configuration with neither a program nor an FMU.
     fn default() -> Self {
         Self {
             command: Vec::new(),
@@ -62,7 +62,7 @@ impl Default for SimulatorConfig {
 }
 
 impl SimulatorConfig {
-    /// Returns where the FMU comes from, if it is one.
+    /// Returns the source of the FMU, if the simulator is one.
     pub fn source(&self) -> Option<FmuSource> {
         Some(FmuSource { file: self.fmu.clone()?, ports: self.port.clone() })
     }
@@ -94,7 +94,7 @@ impl SimulatorConfig {
         problems
     }
 
-    /// Returns the invalid values that only an FMU has.
+    /// Returns the invalid values of the keys that only an FMU has.
     fn of_fmu(&self) -> Vec<(&'static str, String)> {
         let given = [
             ("parameters", !self.parameters.is_empty()),

@@ -1,7 +1,8 @@
 //! The records that are held out from all fits: those that the case names, or else the last driven record that is not
-//! louder than all others. The loudest record is fitted, because the other records do not determine what a nonlinearity
-//! does at its level. If only one record is driven, or two at different levels, the end of the last one is held out. A
-//! record whose input is nearly zero, such as a controller's in a quiet record, is never held out: it shows the noise.
+//! louder than all others. The loudest record is fitted, because the other records do not determine the behaviour of a
+//! nonlinearity at that level. If only one record is driven, or two at different levels, the end of the last one is
+//! held out. A record whose input is nearly zero, such as a controller's in a quiet record, is never held out: it
+//! shows the noise.
 
 use crate::case::record::{Channels, Record};
 use crate::settings::CaseSettings;
@@ -9,13 +10,14 @@ use crate::settings::CaseSettings;
 /// The part that is held out if the case names none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unnamed {
-    /// This record.
+    /// The whole of this record.
     Whole(usize),
     /// The end of this record.
     EndOf(usize),
 }
 
-/// Chooses among records whose inputs have these RMS values; zero means that a record is not driven.
+/// Chooses the part that is held out among records whose inputs have these RMS values; zero means that a record is not
+/// driven.
 pub(crate) fn unnamed(levels: &[f64], settings: &CaseSettings) -> Option<Unnamed> {
     let loudest = levels.iter().copied().fold(0.0, f64::max);
     let shows = |k: &usize| levels[*k] > settings.least_held_out_level * loudest;
@@ -25,13 +27,13 @@ pub(crate) fn unnamed(levels: &[f64], settings: &CaseSettings) -> Option<Unnamed
     match driven[..] {
         [] => None,
         [only] => Some(Unnamed::EndOf(only)),
-        // Each of them shows a level that the other does not.
+        // Each of the two records contains a level that the other does not.
         [first, last] if !(as_loud(first, last) && as_loud(last, first)) => Some(Unnamed::EndOf(last)),
         _ => driven.iter().rev().find(not_loudest).copied().map(Unnamed::Whole),
     }
 }
 
-/// Returns how many samples of the only driven record are fitted, if this share of it is held out.
+/// Returns the number of samples of a record that are fitted, if this share of the record is held out.
 pub(crate) fn fitted(samples: usize, held_out_share: f64) -> usize {
     (samples as f64 * (1.0 - held_out_share)) as usize
 }
@@ -69,8 +71,8 @@ pub(crate) fn driven<'r>(records: &'r [Record], settings: &CaseSettings) -> Vec<
     records.iter().enumerate().filter(|(k, r)| counts(*k, r)).map(|(_, r)| r).collect()
 }
 
-/// Returns the first samples of a record, and the record without measurements of them: it is simulated from its own
-/// start and judged on the remainder.
+/// Returns the first samples of a record, and the whole record without the measurements of these samples. The latter
+/// is simulated from its own start and judged on the remainder.
 pub(crate) fn divided(record: &Record, at: usize) -> (Record, Record) {
     let part = |channels: &Channels| channels.iter().map(|x| x[..at].to_vec()).collect();
     let simulated = record.simulated.as_ref().map(part);

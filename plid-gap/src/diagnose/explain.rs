@@ -1,5 +1,5 @@
-//! Which effects explain the gap, and whether they suffice: from the noise to the verdict, "Noise" to "Is it enough?"
-//! in the book's "How it works".
+//! The search for the effects that explain the gap, and the judgement of whether they suffice. These are the steps
+//! from "Noise" to "Is it enough?" in the book's section "How it works".
 
 use std::cell::OnceCell;
 
@@ -27,8 +27,9 @@ use crate::settings::step::Step;
 use crate::simulate::Fineness;
 use plid_report::percent;
 
-/// Searches with the ports as locations of internal forces. If that does not suffice, searches again with the modes
-/// about which the gap lies. `stage` is the first stage of the first search; it is filled if it is empty.
+/// Searches with the ports as locations of internal forces. If that does not suffice, searches again with locations on
+/// the modes near whose frequencies the gap lies. `stage` is the first stage of the first search; it is filled if it
+/// is empty.
 pub fn explain<'a>(
     ready: Prepared,
     refitted: Refit,
@@ -97,7 +98,8 @@ fn elsewhere<'a>(first: Explained<'a>, scope: &Scope<'_, 'a>, say: &mut dyn FnMu
 enum Pass {
     /// The first pass, with the records and their noise as they were prepared.
     First,
-    /// A further pass, after an earlier one has shown a property of the records or their noise that no effect explains.
+    /// A further pass, after an earlier one has revealed a property of the records or their noise that no effect
+    /// explains.
     Again,
 }
 
@@ -111,9 +113,9 @@ fn passes<'a>(
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let mut pass = Pass::First;
-    // What was prepared before the residual of an explanation was taken for an error of the simulation.
+    // The preparation before the residual of an explanation was treated as an error of the simulation.
     let mut exact: Option<Prepared> = None;
-    // The explanation of that pass.
+    // The explanation that was found with that preparation.
     let mut earlier: Option<Fit> = None;
     loop {
         let exclude: Vec<String> = scope.rules.exclude.iter().chain(&ready.not_of_time).cloned().collect();
@@ -128,7 +130,7 @@ fn passes<'a>(
         match searched.renew(&mut ready, &mut refitted, scope, pass) {
             Some(renewed) => say(renewed),
             None if searched.refutes_time(&mut ready, &refitted, say) => {
-                // The error was that of an explanation which is refuted.
+                // The error was derived from an explanation that is now refuted.
                 let not_of_time = std::mem::take(&mut ready.not_of_time);
                 ready = Prepared { not_of_time, ..exact.take().unwrap_or(ready) };
             }
@@ -173,8 +175,8 @@ impl<'a> Searched<'a> {
         Self { quick, found, simulated }
     }
 
-    /// Completes a search with an error of the simulation: by what an earlier pass has found without that error, if
-    /// this explains more, and by linear causes.
+    /// Completes a search with an error of the simulation. A search from the explanation of an earlier pass without
+    /// that error replaces the result if it explains more, and linear causes are tried.
     fn completed(
         &mut self,
         problem: &mut Problem,
@@ -195,8 +197,8 @@ impl<'a> Searched<'a> {
         self.simulated = outputs(problem, &self.found.best.eta, &self.found.best.effects);
     }
 
-    /// Removes from the records, or adds to their noise, what the best explanation shows there. Returns a description
-    /// if another pass is needed.
+    /// Removes the stochastic effects that the best explanation reveals from the records, or adds them to the noise.
+    /// Returns a description if another pass is needed.
     fn renew(&mut self, ready: &mut Prepared, refitted: &mut Refit, scope: &Scope, pass: Pass) -> Option<String> {
         if pass == Pass::First && ready.renew_quantisation(&self.simulated) {
             return Some("samples drop out: repeated without them".into());
@@ -212,7 +214,7 @@ impl<'a> Searched<'a> {
         Some(format!("{what}: repeated without it"))
     }
 
-    /// Returns whether a change over time proves not to be one. It is left out of further passes.
+    /// Returns whether an effect that changes over time is refuted as such. Further passes leave this effect out.
     fn refutes_time(&self, ready: &mut Prepared, refitted: &Refit, say: &mut dyn FnMut(String)) -> bool {
         let Some(found) = not_of_time(&ready.problem, refitted, &self.found.best) else { return false };
         say(format!("{} does not change within the records: repeated without it", found.words));
@@ -220,8 +222,8 @@ impl<'a> Searched<'a> {
         true
     }
 
-    /// Completes the best explanation with a free shape if it needs one and with its last steps, and computes its
-    /// residual.
+    /// Completes the best explanation with a free shape, if it needs one, and with the last steps of its fit, and
+    /// judges its residual.
     fn judged(
         mut self,
         mut ready: Prepared,
@@ -238,7 +240,8 @@ impl<'a> Searched<'a> {
         let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
         let free = shaped && !scope.skips(Step::FreeShapes);
         let free = if free { self.freed(problem, scope, !widened) } else { None };
-        // A free shape was fitted with the simulation's ports; it has no physical size that they could distort.
+        // A free shape was fitted with the simulation's own ports, and has no physical size that these ports could
+        // distort.
         problem.nuisance.ports_follow = free.is_none() || problem.few();
         self.found.best = problem.settled(&self.found.best);
         let best_cost = self.found.best.cost;
@@ -269,8 +272,8 @@ impl<'a> Searched<'a> {
         explained
     }
 
-    /// Returns the best explanation with one free shape, if that gains enough. It is named by the law that is nearest
-    /// to the free shape, and by `fewer` effects if these explain as much.
+    /// Returns the best explanation with one free shape, if the free shape gains enough. The explanation is reduced to
+    /// `fewer` effects if these explain as much, and the effect with the free shape is named after the nearest law.
     fn freed(&mut self, problem: &Problem, scope: &Scope<'_, 'a>, may_be_fewer: bool) -> Option<FreeShapeFit<'a>> {
         let (quick, found) = (&self.quick, &mut self.found);
         let simpler = if may_be_fewer { fewer(problem, quick, &found.best) } else { None };
@@ -329,7 +332,8 @@ impl Judging<'_> {
         if let Some(free) = free {
             let more = free.fit.parameters() - best.parameters();
             found.set_free(free.fit.cost, more, rows);
-            // A free shape may be correlated with linear parameters, and they hide the same in both fits.
+            // A free shape may be correlated with linear parameters and shift them. What these parameters hide is the
+            // same in both fits, so the smaller shift counts.
             let freed = self.adequacy(straight.min(problem.max_prior_z(&free.fit.eta)), 0.0, free.fit.cost);
             say(format!("with a free shape: {freed:.2?}"));
             judged.unknown = judged.unknown.min(freed.unknown);
@@ -353,25 +357,25 @@ impl Judging<'_> {
         judged
     }
 
-    /// Returns the gain of the best further entry of the screen. A stage that was screened and not accepted shows what
-    /// remains.
+    /// Returns the gain of the best further entry of the screen. A stage that was screened but not accepted contains
+    /// the remaining entries.
     fn next(&self, found: &Search) -> f64 {
         let last = if found.stages.len() > found.best.effects.len() { found.stages.last() } else { None };
-        // A parameter that the refit has too is judged by `max_prior_z`.
+        // A parameter that the refit also contains is judged by `max_prior_z`.
         let further = last.and_then(|entries| entries.iter().find(|entry| !entry.placed.effect.is_in_refit()));
         let next = further.map_or(0.0, |entry| entry.gain);
-        // If nothing shows the noise level, the residual is its estimate.
+        // If no record shows the noise level, the residual is the estimate of that level.
         let left = found.best.cost / self.ready.problem.rows() as f64;
         if self.level.seen { next } else { next / left.max(1.0) }
     }
 }
 
-/// How wide limits may have to be, over the stated ones, to count as sufficient. No cause is then needed to account for
-/// the changes of the linear parameters.
+/// Largest factor on the stated limits with which the limits count as sufficient. Up to this factor, no cause is
+/// needed to account for the changes of the linear parameters.
 const SUFFICIENT: f64 = 1.1;
 
-/// Counts the residual as an error of the simulation itself if no explanation leaves only noise. Returns a description
-/// if that is new, and what was prepared before.
+/// Treats the residual as an error of the simulation itself if no explanation leaves only noise. If no earlier pass
+/// has done so, returns a description and the preparation before this change.
 fn admit_error<'a>(explained: &mut Explained<'a>, scope: &Scope<'_, 'a>) -> Option<(String, Prepared)> {
     if explained.ready.widened.is_some()
         || explained.judged.unknown < explained.ready.problem.settings.search.inadequate
@@ -382,8 +386,8 @@ fn admit_error<'a>(explained: &mut Explained<'a>, scope: &Scope<'_, 'a>) -> Opti
     let fit = explained.fit().clone();
     let simulated = outputs(&explained.ready.problem, &fit.eta, &fit.effects);
     explained.ready.admit_error(&simulated);
-    // With weights by noise alone, linear parameters follow every small remainder. Their true error shows only with the
-    // error of the simulation.
+    // With weights by the noise alone, the linear parameters follow every small remainder. Their true error becomes
+    // visible only if the weights include the error of the simulation.
     let refitted = refit(&explained.ready.problem, STEPS);
     let mut scale = explained.ready.needed(&refitted.eta, &refitted);
     if scale > SUFFICIENT {
@@ -399,9 +403,9 @@ fn admit_error<'a>(explained: &mut Explained<'a>, scope: &Scope<'_, 'a>) -> Opti
 }
 
 /// Returns fits with an error of the simulation and with causes that may account for the changes of the linear
-/// parameters. One cause moves most of a few parameters. How far the simulation is off shows only with the cause in
-/// place. `fit` is the best explanation without that error, and `scale` is how wide the limits would have to be without
-/// a cause.
+/// parameters. If the parameters are few, one cause shifts most of them, and the error of the simulation becomes
+/// visible only with this cause in the model. `fit` is the best explanation without the error of the simulation, and
+/// `scale` is the factor by which the limits would have to be widened without a cause.
 fn with_causes<'a>(
     explained: &Explained<'a>,
     refitted: &Refit,
@@ -519,7 +523,7 @@ mod tests {
     }
 
     /// If the first explanation predicts held-out records worse than no effect, the next one that predicts them better
-    /// takes its place. If there is none, the first one stands.
+    /// takes its place. If there is none, the first one is kept.
     #[test]
     fn what_held_out_records_refute_is_replaced() {
         let sim = testing::truss(1);
@@ -550,7 +554,7 @@ mod tests {
         found.found.candidates.retain(|candidate| all_same(&candidate.effects, &right));
         assert!(!found.found.candidates.is_empty());
         let candidates = found.found.candidates.clone();
-        // Where an explanation has left only noise, a little worse may be chance.
+        // If an explanation has left only noise, a slightly worse prediction may be due to chance.
         for (gain, imperfect, replaced) in
             [(1.5, true, true), (1.05, true, true), (1.5, false, true), (1.05, false, false)]
         {

@@ -38,7 +38,7 @@ pub(super) struct Finding<'f, 'a> {
     pub(super) stochastic: &'f [Stochastic<'a>],
     pub(super) judged: Judgement<'f, 'a>,
     delay: Option<WholeDelay>,
-    /// Where the gap lies, as given and with the effects.
+    /// The maps of the gap, as given and with the effects.
     pub(super) maps: [Map; 2],
     pub(super) evidence: Evidence,
 }
@@ -67,7 +67,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         Self { audit, explained, stochastic, judged, delay: WholeDelay::of(audit), maps, evidence }
     }
 
-    /// Returns diagnosis.json.
+    /// Returns the contents of diagnosis.json.
     pub(super) fn diagnosis(&self, say: &mut dyn FnMut(String)) -> Diagnosis {
         let Explained { ready, found, .. } = self.explained;
         let Judgement { gaps, held_out, simulated, shown, weighted, verdict, .. } = &self.judged;
@@ -75,7 +75,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         let [before, after] = &self.maps;
         let material = self.audit.case.config.material;
         say("compared with its rivals".into());
-        // If nothing is missing, there is nothing to distinguish.
+        // If nothing is missing, there are no explanations to distinguish.
         let predicted = (*verdict != Verdict::None).then(|| Predicted::new(&ready.problem, self.explained.fit()));
         let rivals = predicted.as_ref().map_or_else(Vec::new, |predicted| rivals(predicted, best, &found.candidates));
         let mut effects = self.named();
@@ -86,7 +86,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         if *verdict != Verdict::Effects {
             effects.clear();
         }
-        // A delay that the audit removed is always named.
+        // A delay that the audit removed is named, unless the verdict is something outside the vocabulary.
         let delay = self.delay.as_ref().filter(|_| *verdict != Verdict::Unknown);
         self.delay.iter().for_each(|delay| delay.explains(&mut candidates));
         delay.into_iter().for_each(|delay| delay.named(&mut effects, &candidates));
@@ -121,9 +121,10 @@ impl<'f, 'a> Finding<'f, 'a> {
         }
     }
 
-    /// Returns the effects with their parameters, the one that makes the largest gap first. The largest effect is
-    /// always named, and further ones only if they make a noticeable gap and, in an imperfect simulation, if they are
-    /// more likely at work than not and make a material gap; the others remain in the prediction.
+    /// Returns the effects with their parameters, the one that causes the largest gap first. The largest effect is
+    /// always named. Further effects are named only if they close a noticeable share of the gap and, in an imperfect
+    /// simulation, if they are more likely to act than not and cause a material gap. The others remain in the
+    /// prediction.
     fn named(&self) -> Vec<NamedEffect> {
         let Judgement { gaps, shares, shown, squared_gaps, weighted, .. } = &self.judged;
         let best = &self.explained.found.best.effects;
@@ -132,7 +133,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         for which in self.stochastic.iter().filter_map(|u| wandering(&u.placed, best, near_line)) {
             named[which].shape_differs = true;
         }
-        // A stochastic effect has a share of the noise.
+        // The size of a stochastic effect is the squared gap of its noise.
         let sizes: Vec<f64> = shares.iter().map(|share| share.made).chain(squared_gaps.iter().copied()).collect();
         let mut order: Vec<usize> = (0..named.len()).collect();
         order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
@@ -169,7 +170,7 @@ impl<'f, 'a> Finding<'f, 'a> {
     }
 
     /// Returns all explanations with their probabilities. In an imperfect simulation, small effects of the best
-    /// explanation that are not named are left out: explanations that differ only in them are one.
+    /// explanation that are not named are left out, and explanations that differ only in them are joined.
     fn candidates(&self, named: &[NamedEffect]) -> Vec<Explanation> {
         let Explained { ready, found, level, .. } = self.explained;
         let Judgement { gaps, shown, weighted, .. } = &self.judged;
@@ -181,7 +182,8 @@ impl<'f, 'a> Finding<'f, 'a> {
         let all = found.best.effects.iter().chain(shown.iter().map(|shown| &shown.placed));
         let small: Vec<&Placed> = all.filter(|p| ready.widened.is_some() && !is_named(&located(p))).collect();
         let counts = |placed: &&Placed| !small.iter().any(|small| same(small, placed));
-        // An explanation by small effects alone stays as it is: without any, it would be that nothing is missing.
+        // An explanation by small effects alone keeps them, because an explanation without effects would state that
+        // nothing is missing.
         let effects = |w: &Weighted| -> Vec<Located> {
             let large: Vec<Located> = w.effects.iter().filter(counts).map(located).collect();
             if large.is_empty() { w.effects.iter().map(located).collect() } else { large }
@@ -235,7 +237,8 @@ impl<'f, 'a> Finding<'f, 'a> {
         }
     }
 
-    /// Returns sim-with-effect.json. The models are that of the audited case and the simulation as given.
+    /// Returns the contents of sim-with-effect.json. The models are that of the audited case and the simulation as
+    /// given.
     pub(super) fn simulation(&self, models: (&Model, &Model)) -> SimulationWithEffects {
         let (eta, effects) = self.predicting();
         let intersample = self.audit.intersample();
@@ -245,14 +248,14 @@ impl<'f, 'a> Finding<'f, 'a> {
         simulation
     }
 
-    /// Returns linear parameters and effects of the simulation that is written. They are fitted to all records after
-    /// all statements have been made. Effects that follow the held-out records worse than the simulation as given or
-    /// its refit are left out.
+    /// Returns the linear parameters and the effects of the simulation that is written. Both are fitted to all records
+    /// after all statements have been made. The effects are left out if they predict the held-out records worse than
+    /// the simulation as given or its refit does.
     fn predicting(&self) -> (Vec<f64>, Vec<Placed<'a>>) {
         let (fit, gap) = (self.explained.predicting(), &self.judged.gaps);
         let follows =
             gap.with_effect <= self.explained.ready.problem.settings.judge.no_worse * gap.as_given.min(gap.refit);
-        // An effect that makes an immaterial gap is not named, but it is part of the prediction.
+        // An effect that causes an immaterial gap is not named, but it is part of the prediction.
         let named = self.judged.weighted.first().is_some_and(|top| !top.effects.is_empty());
         if (self.judged.verdict == Verdict::None && !named) || !follows {
             let given = vec![0.0; fit.eta.len()];

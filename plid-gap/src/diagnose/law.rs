@@ -8,8 +8,8 @@ use crate::fit::problem::{Placed, Problem};
 use crate::judge::explained::Explained;
 use crate::simulate::{Fineness, Run, State, before_sensors};
 
-/// Returns the laws of the best explanation with their forces; `None` if it has none, or if the forces act on a motion
-/// that is an input, or within a loop.
+/// Returns the laws of the best explanation with their forces; `None` if it has none, if a force acts at a port whose
+/// motion is an input, or in closed loop.
 pub(super) fn law(explained: &Explained) -> Option<Law> {
     let problem = &explained.ready.problem;
     let Problem { plant, nuisance, records, setting, .. } = problem;
@@ -35,7 +35,7 @@ pub(super) fn law(explained: &Explained) -> Option<Law> {
         let scale = level / rms(forces.iter().flat_map(|forces| &forces[port])).max(f64::MIN_POSITIVE);
         forces.iter_mut().flat_map(|forces| &mut forces[port]).for_each(|force| *force *= scale);
     }
-    // The free shape of a law is that law.
+    // A free shape counts as the law that it represents.
     let found = &explained.found.best.effects;
     let laws: Vec<Placed> = found.iter().filter(|placed| !ports_of(placed).is_empty()).cloned().collect();
     Some(Law {

@@ -26,9 +26,9 @@ pub use shown::Shown;
 
 /// The result of a diagnosis: the answer, the simulation for predictions, and the data of the report.
 pub struct Outcome {
-    /// diagnosis.json.
+    /// The contents of diagnosis.json.
     pub diagnosis: Diagnosis,
-    /// sim-with-effect.json.
+    /// The contents of sim-with-effect.json.
     pub simulation: SimulationWithEffects,
     /// The data of the report.
     pub shown: Shown,
@@ -37,7 +37,7 @@ pub struct Outcome {
 /// Diagnoses a case. `say` is called with each step.
 ///
 /// # Errors
-/// [`GapError`].
+/// Returns a [`GapError`] if a step fails.
 pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
     diagnose_without(case, library, &[], say)
 }
@@ -45,7 +45,7 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
 /// Diagnoses a case with some steps switched off, to measure their contribution.
 ///
 /// # Errors
-/// [`GapError`].
+/// Returns a [`GapError`] if a step fails.
 pub fn diagnose_without(
     case: &Case,
     library: &Library,
@@ -55,8 +55,9 @@ pub fn diagnose_without(
     Ok(Groundwork::whole(case, library, off, say)?.0)
 }
 
-/// The part of a diagnosis that does not depend on which effects are known: audit, preparation and bounded refit; and
-/// the first stage of the search, from which a diagnosis with fewer effects removes theirs.
+/// The part of a diagnosis that does not depend on the effects of the library: the audit, the preparation and the
+/// bounded refit. In addition, it contains the first stage of the search, from which a diagnosis with fewer effects
+/// removes the entries of the others.
 pub struct Groundwork<'a> {
     case: &'a Case,
     library: &'a Library,
@@ -80,11 +81,11 @@ impl<'a> Groundwork<'a> {
         Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new() })
     }
 
-    /// Returns the answer with the whole library, and what can be used again if effects are left out. The steps `off`
-    /// are skipped in both.
+    /// Returns the answer with the whole library, and the groundwork, which can be used again if effects are left out.
+    /// The steps `off` are skipped in both.
     ///
     /// # Errors
-    /// [`GapError`].
+    /// Returns a [`GapError`] if a step fails.
     pub fn whole(
         case: &'a Case,
         library: &'a Library,
@@ -107,11 +108,11 @@ impl<'a> Groundwork<'a> {
         Ok((outcome, if is_real { ground } else { recorded }))
     }
 
-    /// Returns the answer of a diagnosis without these effects. It equals that with [`Library::without`] to the last
-    /// bit.
+    /// Returns the answer of a diagnosis without these effects. The answer equals that with [`Library::without`] to
+    /// the last bit.
     ///
     /// # Errors
-    /// [`GapError`].
+    /// Returns a [`GapError`] if a step fails.
     pub fn leave_out(&self, without: &[String], say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
         answer(self, &self.audit.without(self.case, self.library, without)?, without, say)
     }
@@ -124,12 +125,12 @@ fn model(audit: &Audit) -> Result<&plid_model::Model, GapError> {
 /// Largest number of further models of the records that are tried.
 const MOST_MODELS: usize = 3;
 
-/// Gap over that of the noise alone up to which no better model of the records is needed.
+/// Ratio of the gap to that of the noise alone up to which no better model of the records is needed.
 const NEAR_NOISE: f64 = 1.1;
 
-/// Completes a diagnosis with the steps that depend on which effects are known. If the simulation is a model of the
+/// Completes a diagnosis with the steps that depend on the effects of the library. If the simulation is a model of the
 /// records themselves, it is identified again with the forces of the laws that were found, and the diagnosis is
-/// repeated with it. The repeated answer stands if it confirms the law and leaves less.
+/// repeated with it. The repeated answer replaces the first one if it confirms the law and leaves a smaller gap.
 fn answer(
     ground: &Groundwork,
     audit: &Audit,
@@ -140,7 +141,7 @@ fn answer(
     for _ in 0..MOST_MODELS {
         let left = &outcome.diagnosis.gap;
         let Some(found) = law.take().filter(|_| left.with_effect > NEAR_NOISE * left.noise_floor) else { break };
-        // The records may not determine a model with the forces as further inputs, and the answer stands.
+        // If the records do not determine a model with the forces as further inputs, the answer is kept.
         let Ok(Some(audit)) = audit.with_law(ground.case, ground.library, without, &found) else { break };
         say(format!("repeated with a model that was identified with the force of {} as a further input", found.name));
         let Ok(again) = Groundwork::new(ground.case, ground.library, audit, say) else { break };
@@ -153,8 +154,9 @@ fn answer(
     Ok(outcome)
 }
 
-/// Returns whether an answer with a model that was identified with a law confirms it and leaves less: the law comes
-/// first, and no effect is new. An effect that the new model needs is an error of the model.
+/// Returns whether an answer with a model that was identified with a law confirms this law and leaves a smaller gap.
+/// The law must come first, and no effect may be new, because an effect that only the new model needs is an error of
+/// that model.
 fn confirms(other: &Diagnosis, before: &Diagnosis, law: &Law) -> bool {
     let is_of = |law: &Law, named: &NamedEffect| {
         law.effects.iter().any(|(effect, location)| (effect, location) == (&named.effect, &named.location))
@@ -167,7 +169,7 @@ fn confirms(other: &Diagnosis, before: &Diagnosis, law: &Law) -> bool {
         && other.gap.with_effect < before.gap.with_effect.min(other.gap.as_given)
 }
 
-/// Returns the answer, and the laws in it if the simulation is a model of all records.
+/// Returns the answer, and the laws in it if the simulation is a model of the records.
 fn finish(
     ground: &Groundwork,
     audit: &Audit,
@@ -178,7 +180,8 @@ fn finish(
     let rules = Rules { suspects: &config.suspects, exclude: &config.exclude, without };
     let (ready, refitted) = (ground.ready.clone(), ground.refitted.clone());
     let explained = explain(ready, refitted, ground.library, &rules, &ground.first, say);
-    // The noise is that of the explanation, which may account for a part of the quiet records.
+    // The noise is that of the explanation's residual, because the explanation may account for a part of the quiet
+    // records.
     let skipped = audit.known.off.contains(&Step::Stochastic);
     let may_be_band = rules.may_show(ground.library, Observation::Band);
     let (explained, mut stochastic) = if skipped {

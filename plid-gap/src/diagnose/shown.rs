@@ -23,9 +23,9 @@ pub struct Shown {
     pub outputs: Vec<String>,
     /// Sample rate in Hz.
     pub rate: f64,
-    /// Where the gap as given lies.
+    /// The map of the gap as given.
     pub before: Map,
-    /// Where the gap with the effects lies.
+    /// The map of the gap with the effects.
     pub after: Map,
     /// The adequacy of the best explanation.
     pub adequacy: Adequacy,
@@ -33,12 +33,12 @@ pub struct Shown {
     pub stages: Vec<Vec<(String, String, f64, f64)>>,
     /// Name of the record of `trace`.
     pub trace_record: String,
-    /// Outputs: measured, as given, and with the effects (p channels each).
+    /// Outputs of that record: measured, as given, and with the effects (p channels each).
     pub trace: [Channels; 3],
     /// Stochastic effects: name, location, gain in twice the log likelihood.
     pub stochastic: Vec<(String, String, f64)>,
-    /// Changes by the bounded refit in standard deviations of its prior, for each mode: frequency in Hz, then the
-    /// changes of frequency, damping and the largest of the shapes.
+    /// For each mode, its frequency in Hz and the changes by the bounded refit in standard deviations of the prior:
+    /// the change of the frequency, the change of the damping ratio, and the largest change of the shapes.
     pub refit: Vec<(f64, f64, f64, f64)>,
     /// Mean squared whitened residual: as given, after the refit, with the effects.
     pub costs: [f64; 3],
@@ -54,7 +54,7 @@ pub struct Shown {
     pub linear: bool,
 }
 
-/// Number of frequencies at which the noise is shown.
+/// Number of equal intervals between zero and half the sample rate, at whose inner ends the noise is shown.
 const NOISE_LINES: usize = 200;
 
 /// Number of entries of each stage's screen that are shown.
@@ -118,8 +118,8 @@ fn shown(entries: &[Entry], names: &Names) -> Vec<(String, String, f64, f64)> {
     entries.iter().take(ENTRIES).map(line).collect()
 }
 
-/// Returns, for each of p outputs, frequencies in Hz with the one-sided density of its noise. The model's density is
-/// the variance for white noise.
+/// Returns, for each of p outputs, frequencies in Hz with the one-sided density of its noise. The density of the noise
+/// model equals the variance for white noise.
 fn densities(noise: &NoiseModel, p: usize, rate: f64) -> Vec<Vec<(f64, f64)>> {
     let hz = (1..NOISE_LINES).map(|k| 0.5 * rate * k as f64 / NOISE_LINES as f64);
     let lines: Vec<(f64, DMatrix<C>)> = hz.map(|hz| (hz, noise.density(hz))).collect();

@@ -1,4 +1,5 @@
-//! Whether channels are exchanged, negated, late or in other units, or whether effects explain the records as they are.
+//! The decision whether channels are exchanged, negated, delayed or in other units, or whether effects explain the
+//! records as they are.
 //!
 //! The audit finds such a mismatch before anything is fitted. It is a hypothesis: the case is diagnosed with the
 //! mismatch corrected and as it was recorded, and the gaps that remain on the same records decide.
@@ -8,10 +9,10 @@ use crate::diagnose::Outcome;
 use crate::settings::AuditSettings;
 use plid_report::percent;
 
-/// Returns the probability that the mismatch is real, from what the two diagnoses leave. The squared gaps are taken as
-/// those of a number of independent values.
+/// Returns the probability that the mismatch is real, from the gaps that the two diagnoses leave. The squared gaps are
+/// treated as mean squares of a given number of independent values.
 fn probability(corrected: &Diagnosis, recorded: &Diagnosis, settings: &AuditSettings) -> f64 {
-    // Below the noise, a smaller gap is chance.
+    // Below the noise, a difference between gaps is due to chance.
     let left = |one: &Diagnosis| one.gap.with_effect.max(one.gap.noise_floor).max(f64::MIN_POSITIVE);
     let ratio = left(corrected) / left(recorded);
     // A model that diverges explains nothing.
@@ -20,8 +21,8 @@ fn probability(corrected: &Diagnosis, recorded: &Diagnosis, settings: &AuditSett
     1.0 - 1.0 / (1.0 + odds)
 }
 
-/// Returns the more probable of both outcomes, with the explanations of the other, and whether it is the corrected one.
-/// `said` is the sentence on the mismatch.
+/// Returns the more probable of the two outcomes, with the explanations of the other one added, and whether it is the
+/// corrected one. `said` is the sentence on the mismatch.
 pub(super) fn decided(corrected: Outcome, recorded: Outcome, said: &str, settings: &AuditSettings) -> (Outcome, bool) {
     let probability = probability(&corrected.diagnosis, &recorded.diagnosis, settings);
     let gaps = [&corrected, &recorded].map(|outcome| percent(outcome.diagnosis.gap.with_effect));

@@ -1,8 +1,8 @@
 use crate::case::record::Channels;
 use crate::plant::{Load, Plant};
 
-/// The command on its way to the structure: m channels, each with `parts` values in a sample, held over that part of
-/// the sample.
+/// The command on its way to the structure: m channels with `parts` values per sample, each of which is held over its
+/// part of the sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drive {
     /// Number of values in a sample.
@@ -16,7 +16,7 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// A held command.
+    /// Creates a command that is held over each sample.
     pub fn new(u: &[Vec<f64>], rate: f64, t0: f64) -> Self {
         Self { parts: 1, u: u.to_vec(), rate, t0 }
     }
@@ -47,14 +47,14 @@ pub trait Command: Send + Sync {
     fn apply(&self, drive: &mut Drive);
 }
 
-/// A force inside the structure that depends on displacement d and velocity v of its port.
+/// A force inside the structure that depends on the displacement d and the velocity v of its port.
 pub trait Force: Send + Sync {
     /// Returns the force; `state` is an internal state of [`Force::states`] numbers.
     fn force(&self, d: f64, v: f64, state: &[f64]) -> f64;
 
-    /// Returns the force at the end of a step from one displacement and velocity to another. The force is taken to
-    /// change linearly over the step. A law that switches on the way returns that which gives the mean force of the
-    /// step.
+    /// Returns the force at the end of a step from one displacement and velocity to another. The force is assumed to
+    /// change linearly over the step. A law that switches within the step returns the value that gives its mean force
+    /// over the step.
     fn at_end(&self, _from: [f64; 2], [d, v]: [f64; 2], state: &[f64]) -> f64 {
         self.force(d, v, state)
     }
@@ -64,7 +64,8 @@ pub trait Force: Send + Sync {
         0
     }
 
-    /// Returns the stiffness and the damper of the steepest part of the law. A run takes as many steps as they need.
+    /// Returns the stiffness and the damping coefficient of the steepest part of the law. They determine the number
+    /// of steps of a run.
     fn steepest(&self) -> [f64; 2] {
         [0.0; 2]
     }
@@ -79,7 +80,7 @@ pub trait Force: Send + Sync {
     fn advance(&self, _from: f64, _to: f64, _state: &mut [f64]) {}
 }
 
-/// The times of the samples of a run, and what was before the first.
+/// The times of the samples of a run, and the state before the first one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampling {
     /// Time of the first sample in s.
@@ -118,8 +119,8 @@ pub enum Action {
     /// Adds a linear force at a port (its number). It acts after all other changes of the plant, because it couples
     /// the modes.
     Load(usize, Load),
-    /// Lets the force that accelerates a port (its number) follow through a lag with this pole in rad/s. It acts after
-    /// all loads.
+    /// Passes the force that accelerates a port (its number) through a lag with this pole in rad/s. It acts after all
+    /// loads.
     Lag(usize, f64),
     /// Multiplies every mode's w^2 by a function of time. Modes that a load couples are not changed.
     Stiffness(Box<dyn Fn(f64) -> f64 + Send + Sync>),
@@ -131,7 +132,7 @@ pub enum Action {
     Sensor(Box<dyn Sensor>),
     /// Gives a parameter of the engineer's own simulator (its number) another value.
     Parameter(usize, f64),
-    /// Changes no free run: more noise, coarser values.
+    /// Leaves free runs unchanged: more noise, or coarser values.
     Noise,
 }
 

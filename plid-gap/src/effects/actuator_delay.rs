@@ -1,6 +1,6 @@
 use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
-/// A delay of the command, at one input or at all.
+/// A delay of the command, at one input or at all inputs.
 pub struct ActuatorDelay;
 
 impl Effect for ActuatorDelay {
@@ -73,9 +73,9 @@ impl Command for Delay {
     }
 }
 
-/// Returns the first of these edges for a step after this number of parts, and the weights: those of Lagrange's
-/// interpolation, whose moments are exact up to the fifth. With two edges a delay of a tenth of a sample was wrong by 6
-/// %, and with three edges every delay was up to 1 % too short.
+/// Returns the first of the edges over which a step after this number of parts is distributed, and the weights. These
+/// are the weights of Lagrange interpolation, whose moments are exact up to the fifth. With two edges, a delay of a
+/// tenth of a sample was wrong by 6 %, and with three edges, every delay was up to 1 % too short.
 fn spread(parts: f64) -> (usize, [f64; EDGES]) {
     let first = (parts.floor() as usize).saturating_sub(EDGES / 2 - 1);
     let at = parts - first as f64;

@@ -1,8 +1,8 @@
 use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
-/// Upper limit of alpha. At a reversal, the slope of u' is 1 - alpha of that of the command. Of 29 hysteretic actuators
-/// in development the largest alpha was 0.88, at a gap of 26 %; actuators that stick at each reversal were fitted with
-/// 0.95 to 1.18 in eight cases.
+/// Upper limit of alpha. At a reversal, the slope of u' is 1 - alpha times that of the command. Among 29 hysteretic
+/// actuators in development, the largest alpha was 0.88, at a gap of 26 %. In eight cases with actuators that stick
+/// at each reversal, the fitted alpha was 0.95 to 1.18.
 const STANDS_STILL: f64 = 0.9;
 
 /// A piezoelectric or magnetic actuator whose output depends on the history of the command.
@@ -40,7 +40,8 @@ impl Effect for ActuatorHysteresis {
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
         let Place::Input(i) = *place else { return false };
-        // Above, it never yields and is a gain; far below, it yields at once and is a shift.
+        // Above this range, the hysteresis never yields and is a gain; far below it, the hysteresis yields at once
+        // and is a shift.
         (0.005..8.0).contains(&(parameters[1] / setting.u_rms[i]))
     }
 

@@ -36,7 +36,7 @@ impl Effect for ActuatorLag {
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         match present(setting, place) {
             Some(hz) => [0.5, 0.75, 0.9, 1.12, 1.4, 2.2].map(|share| vec![share * hz]).to_vec(),
-            // The mildest first: a slow drive makes its loop unstable.
+            // The mildest lag comes first, because a slow drive makes its loop unstable.
             None => [0.5, 0.25, 0.1, 0.02].map(|share| vec![share * setting.plant.rate]).to_vec(),
         }
     }
@@ -64,10 +64,10 @@ fn present(setting: &Setting, place: &Place) -> Option<f64> {
     if let Place::Input(i) = *place { setting.plant.chain.actuator_hz(i) } else { None }
 }
 
-/// Number of parts of a sample. Within a part the mean of the lagged command is used.
+/// Number of parts of a sample. Within a part, the mean of the lagged command is used.
 const PARTS: usize = 8;
 
-/// (1 + s / from) / (1 + s / to); without `from` an additional pole.
+/// The transfer function (1 + s / from) / (1 + s / to); without `from`, an additional pole.
 struct Lag {
     i: usize,
     from: Option<f64>,

@@ -2,9 +2,9 @@ use super::clip::{MOST_ROUND, clip};
 use super::tanh::tanh;
 use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
-/// An amplifier or actuator that gives less at large commands.
+/// An amplifier or actuator whose gain falls at large commands.
 ///
-/// With a second parameter the corner of the limit is as round as the records say; with r = 0 it is sharp.
+/// The optional second parameter r sets the roundness of the corner of the limit. With r = 0, the corner is sharp.
 pub struct ActuatorSaturation;
 
 /// Roundness from which fits of a sharp limit start.

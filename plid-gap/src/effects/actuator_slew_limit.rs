@@ -31,7 +31,8 @@ impl Effect for ActuatorSlewLimit {
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
         let Place::Input(i) = *place else { return false };
-        // At this value a step takes a part of a sample; above it, less than a hundredth.
+        // At this limit, an RMS step of the command takes a fiftieth of a sample; a higher limit has hardly any
+        // effect.
         parameters[0] < 50.0 * setting.u_slope[i]
     }
 
@@ -45,7 +46,7 @@ impl Effect for ActuatorSlewLimit {
     }
 }
 
-/// Number of parts of a sample. Within a part the mean of the ramp is used.
+/// Number of parts of a sample. Within a part, the mean of the ramp is used.
 const PARTS: usize = 8;
 
 struct Slew {

@@ -2,7 +2,7 @@ use crate::case::Limits;
 
 use super::{Action, Change, Effect, Load, Parameter, Place, Range, Setting, Side};
 
-/// A viscous damper that the simulation lacks, such as a bearing, or has too much of.
+/// Viscous damping that the simulation lacks, such as that of a bearing, or of which it has too much.
 pub struct AddedDamping;
 
 impl Effect for AddedDamping {

@@ -2,7 +2,7 @@ use crate::case::Limits;
 
 use super::{Action, Change, Effect, Load, Parameter, Place, Range, Setting, Side};
 
-/// A mass that the simulation lacks, such as a payload, or has too much of.
+/// A mass that the simulation lacks, such as a payload, or by which its inertia is too large.
 pub struct AddedMass;
 
 impl Effect for AddedMass {
@@ -40,7 +40,7 @@ impl Effect for AddedMass {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        // What is left of the inertia carries the port.
+        // Enough of the inertia at the port must remain.
         1.0 + parameters[0] * setting.plant.mobility(setting.port(place)) > Load::LEAST_INERTIA
     }
 
@@ -51,7 +51,7 @@ impl Effect for AddedMass {
     }
 
     fn own_std(&self, limits: &Limits) -> f64 {
-        // A frequency goes with the root of the inertia.
+        // A frequency is proportional to one over the root of the inertia, so its relative error counts twice.
         limits.frequency
     }
 

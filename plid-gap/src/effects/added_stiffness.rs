@@ -4,7 +4,7 @@ use crate::case::Limits;
 
 use super::{Action, Change, Effect, Load, Parameter, Place, Range, Setting, Side};
 
-/// A linear spring that the simulation lacks, or has too much of.
+/// A linear spring that the simulation lacks, or by which its stiffness is too large.
 pub struct AddedStiffness;
 
 impl Effect for AddedStiffness {
@@ -40,7 +40,7 @@ impl Effect for AddedStiffness {
         let port = setting.port(place);
         let other = setting.force[port] / setting.d_rms[port];
         let mut starts = setting.load_starts(setting.stiffness[port], other, Some(|factor| factor * factor - 1.0));
-        // A spring at a body that nothing holds makes a resonance, at whose frequency the residual has a peak.
+        // A spring at an unrestrained body causes a resonance, at whose frequency the residual has a peak.
         let mobility = setting.plant.mobility(port);
         if setting.stiffness[port] <= 0.0 && mobility > 0.0 {
             starts.extend(setting.missing.iter().map(|mode| vec![(TAU * mode.hz).powi(2) / mobility]));
@@ -55,7 +55,7 @@ impl Effect for AddedStiffness {
     }
 
     fn own_std(&self, limits: &Limits) -> f64 {
-        // A frequency goes with the root of the stiffness.
+        // A frequency is proportional to the root of the stiffness, so its relative error counts twice.
         limits.frequency
     }
 

@@ -2,13 +2,13 @@ use super::{Action, Effect, Force, Parameter, Place, Range, Setting, Side};
 
 /// Free play inside a transmission: the spring of the joint, which the simulation has, does not act within a gap.
 ///
-/// A clearance is a spring that the simulation lacks, and that begins beyond a gap.
+/// A clearance, in contrast, is a spring that the simulation lacks and that acts only beyond a gap.
 pub struct Backlash;
 
 /// Gaps from which fits start, over the RMS of the displacement in the linear simulation.
 const GAPS: [f64; 4] = [0.05, 0.2, 0.5, 1.2];
 
-/// Range of the gap in the same unit. A wider gap is never crossed, and a narrower one is not seen.
+/// Range of the gap in the same unit. A wider gap is never crossed, and a narrower one is not visible.
 const SEEN: std::ops::Range<f64> = 1e-3..5.0;
 
 /// Range of the stiffness that is lost, over the static stiffness of the port in the simulation.
@@ -49,8 +49,8 @@ impl Effect for Backlash {
 
     fn starts_from(&self, setting: &Setting, place: &Place, found: (&str, &[f64])) -> Vec<Vec<f64>> {
         match found {
-            // A clearance is a lost spring whose linear part the refit has absorbed. Beyond the gap, the lost force is
-            // k g.
+            // A clearance may be a lost spring whose linear part the refit has absorbed. The force that is lost
+            // beyond the gap, k g, is kept.
             ("clearance", &[k, g]) if k > 0.0 => {
                 let own = setting.stiffness[setting.port(place)];
                 vec![vec![own, k * g / own]]

@@ -42,7 +42,7 @@ impl Effect for Clearance {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        // Below, it is a spring; above, it is hardly ever reached.
+        // Below this range, the clearance is a spring; above it, the gap is hardly ever closed.
         (0.02..5.0).contains(&(parameters[1] / setting.d_rms[setting.port(place)]))
     }
 

@@ -3,17 +3,17 @@
 /// Roundness below which a corner is sharp.
 const SHARP: f64 = 1e-3;
 
-/// Largest roundness. With 1 the curve is x/(1 + |x|), which approaches its limit as slowly as an arctangent.
+/// Largest roundness. With 1, the curve is x / (1 + |x/a|), which approaches its limit as slowly as an arctangent.
 pub const MOST_ROUND: f64 = 1.0;
 
-/// Returns x / (1 + |x/a|^(1/r))^r, the value of x behind a limit of `a` with a corner of roundness r = |`round`|. With
-/// r = 0 it is a clip; a hyperbolic tangent lies near r = 0.4.
+/// Returns x / (1 + |x/a|^(1/r))^r, the value of x after a limit of `a` whose corner has the roundness r = |`round`|.
+/// With r = 0, the result is clipped; a hyperbolic tangent lies near r = 0.4.
 pub fn clip(x: f64, a: f64, round: f64) -> f64 {
     let (ratio, round) = ((x / a).abs(), round.abs());
     if round < SHARP {
         return x.clamp(-a, a);
     }
-    // The power of the larger of the two does not overflow.
+    // Only numbers up to one are raised to the power 1/r, so that nothing overflows.
     let size = if ratio <= 1.0 {
         ratio * (1.0 + ratio.powf(1.0 / round)).powf(-round)
     } else {

@@ -40,7 +40,7 @@ impl Effect for CoulombFriction {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        // Above, it is a linear damper.
+        // Above this limit, the law is a linear damper.
         parameters[1] < 4.0 * setting.v_rms[setting.port(place)]
     }
 

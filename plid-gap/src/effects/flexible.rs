@@ -8,9 +8,9 @@ use super::{Action, Command, Drive, Effect, Force, Parameter, Place, Range, Samp
 /// The characteristic that a free shape changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Flexible {
-    /// A force of the displacement.
+    /// A force as a function of the displacement.
     Stiffness,
-    /// A force of the velocity.
+    /// A force as a function of the velocity.
     Damping,
     /// Several joints that slip at different displacements.
     Joint,
@@ -32,21 +32,21 @@ pub enum Flexible {
     ZeroCourse,
 }
 
-/// Knots of static curves, in RMS of their signal. The slope is linear between knots. The first ones represent backlash
-/// and steps about zero, the last ones limits that only peaks reach.
+/// Knots of static curves, in units of the RMS of their signal. The slope is linear between knots. The first knots
+/// represent backlash and steps about zero, the last ones represent limits that only peaks reach.
 const KNOTS: [f64; 8] = [0.0, 0.1, 0.3, 0.8, 1.4, 2.0, 2.8, 3.8];
 
-/// Widths of smoothed steps of the velocity, in RMS.
+/// Widths of smoothed steps at zero velocity, in units of the RMS of the velocity.
 const STEPS: [f64; 4] = [0.03, 0.12, 0.4, 1.5];
 
-/// Yield points, in RMS.
+/// Yield points, in units of the RMS of their signal.
 const YIELDS: [f64; 4] = [0.2, 0.6, 1.5, 4.0];
 
 /// Number of earlier values of a command, half a sample apart.
 const TAPS: usize = 4;
 
-/// Other values of an output, in samples before it. One is later, because a delay between two samples smooths on both
-/// sides.
+/// Positions of the other values of an output, in samples before the current one. One of them is later, because a
+/// delay by a fraction of a sample interpolates between values on both sides.
 const AROUND: [isize; 4] = [-1, 1, 2, 3];
 
 /// Times at which a course may change its slope, as shares of the records' duration.
@@ -89,7 +89,7 @@ impl Flexible {
         }
     }
 
-    /// Returns the unit in which its curve is given: that of the signal, or of the curve if they differ.
+    /// Returns the unit of its signal and the size of its curve. The size is 1 if the curve needs none.
     pub fn units(self, setting: &Setting, place: &Place) -> [f64; 2] {
         match (self, place) {
             (Self::Stiffness | Self::Joint, _) => {
@@ -108,7 +108,7 @@ impl Flexible {
         }
     }
 
-    /// Returns the actions of a free shape with these units.
+    /// Returns the actions of a free shape with this unit and this size.
     pub fn act_in(self, setting: &Setting, place: &Place, [unit, size]: [f64; 2], shape: &[f64]) -> Vec<Action> {
         let shape = shape.to_vec();
         match (self, place) {
@@ -223,7 +223,7 @@ impl Effect for Flexible {
     }
 }
 
-/// Returns a piecewise linear course over time: each piece begins at a change of slope and continues.
+/// Returns a piecewise linear course over time: each piece begins at a change of slope and continues to the end.
 fn course(share: f64, shape: &[f64]) -> f64 {
     shape.iter().zip(TURNS).map(|(c, turn)| c * (share - turn).max(0.0)).sum()
 }
@@ -259,8 +259,8 @@ impl Sensor for ZeroOverTime {
     }
 }
 
-/// Returns a curve of continuous slope on either side of zero: a straight line, and for each pair of adjacent knots the
-/// change of its slope between them.
+/// Returns a curve whose slope is continuous on either side of zero: a straight line and, between each pair of
+/// adjacent knots, a change of its slope.
 fn characteristic(x: f64, shape: &[f64]) -> f64 {
     let side = if x >= 0.0 { &shape[..KNOTS.len()] } else { &shape[KNOTS.len()..] };
     let (sign, x) = (x.signum(), x.abs());
@@ -268,7 +268,7 @@ fn characteristic(x: f64, shape: &[f64]) -> f64 {
     sign * (side[0] * x + changed)
 }
 
-/// Returns zero up to the first knot; from there the slope rises linearly to one at the second.
+/// Returns zero up to the first knot. From there, the slope rises linearly to one at the second knot.
 fn ramp(x: f64, from: f64, to: f64) -> f64 {
     let (width, past) = (to - from, (x - from).max(0.0));
     if past < width { past * past / (2.0 * width) } else { past - width / 2.0 }
@@ -354,7 +354,7 @@ impl Command for Elements {
     }
 }
 
-/// u + sum of c_k (u, k half samples earlier, - u).
+/// The command u(t) + sum of c_k (u(t - k/2 samples) - u(t)).
 struct Taps {
     place: Place,
     shape: Vec<f64>,
@@ -402,7 +402,7 @@ impl Sensor for OutputTaps {
     fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
         let from = y[self.o].clone();
         let last = from.len().saturating_sub(1);
-        // Zero before the record; after it the last value.
+        // The value is zero before the record, and the last one after it.
         let at = |k: usize, back: isize| k.checked_add_signed(-back).map_or(0.0, |k| from[k.min(last)]);
         for (k, y) in y[self.o].iter_mut().enumerate() {
             let more = self.shape.iter().zip(AROUND).map(|(c, back)| c * (at(k, back) - from[k]));

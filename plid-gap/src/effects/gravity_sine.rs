@@ -1,19 +1,23 @@
 use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
-/// Gravity on an axis that swings: a linear simulation holds the stiffness k of small angles, and the real axis has
-/// k sin(d). The displacement d of the port is an angle in radians, so the law contains no length scale.
+/// Gravity on an axis that swings. A linear simulation contains the stiffness k of small angles, whereas the torque
+/// on the real axis is k sin(d). The displacement d of the port is an angle in radians, so the law contains no length
+/// scale.
 pub struct GravitySine;
 
-/// Shares of the port's stiffness from which fits start: a small one, whose trace is proportional to it, and all of it,
-/// as in a pendulum without another spring, whose resonance may move too far to be extrapolated.
+/// Shares of the port's stiffness from which fits start: a small one, to which the trace in the outputs is
+/// proportional, and the whole stiffness, as in a pendulum without another spring. The resonance of such a pendulum
+/// may move too far to be extrapolated.
 const SHARES: [f64; 2] = [0.1, 1.0];
 
-/// Range of k over the static stiffness of the port in the simulation. Gravity is a part of that stiffness, which may
-/// itself be half too small. On an inverted pendulum k is negative; with a loop or a spring that exceeds
-/// gravity by a third, a third of its size is left as stiffness. Beyond this range the law only bends another spring.
+/// Range of k over the static stiffness of the port in the simulation. Gravity is a part of the true stiffness, which
+/// may exceed that of the simulation by half. On an inverted pendulum, k is negative. If a loop or a spring exceeds
+/// gravity by a third, a third of the size of k is left as stiffness. Beyond this range, the law only adds curvature
+/// to another spring.
 const HELD: std::ops::Range<f64> = -3.0..1.5;
 
-/// The largest RMS angle in the linear simulation. Above it, an axis turns over; or the displacement is not an angle.
+/// The largest RMS angle in the linear simulation. Above it, the axis turns over, or the displacement is not an
+/// angle.
 const TURNS_OVER: f64 = std::f64::consts::PI;
 
 impl Effect for GravitySine {

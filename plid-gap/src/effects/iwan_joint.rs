@@ -1,42 +1,44 @@
 use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
-/// Number of Jenkins elements. For a chi up to 0 the backbone then agrees with its closed form within 0.05 % of the
-/// largest force, and the energy lost in a cycle within 0.5 % down to an amplitude of dm / 10, and 2.5 % down to
-/// dm / 100.
+/// Number of Jenkins elements. For chi up to 0, the backbone then agrees with its closed form to within 0.05 % of the
+/// largest force. The energy lost in a cycle agrees to within 0.5 % down to an amplitude of dm / 10, and to within
+/// 2.5 % down to dm / 100.
 const ELEMENTS: usize = 64;
 
-/// Displacements of full slip from which fits start, over the RMS of the linear simulation: within the motion, and
-/// beyond it.
+/// Displacements of full slip from which fits start, over the RMS displacement of the linear simulation: one within
+/// the motion, and one beyond it.
 const SLIPS: [f64; 2] = [1.5, 5.0];
 
-/// Such displacements for a prescribed motion, which may be far beyond full slip: only the testing machine limits it.
+/// Further ones for a prescribed motion, which may be far beyond full slip because only the testing machine limits
+/// it.
 const SLIPS_BEYOND: [f64; 2] = [0.01, 0.1];
 
 /// The exponent from which fits start. Those of bolted joints lie between -1 and 0.
 const EXPONENT: f64 = -0.5;
 
-/// The least exponent. At -1, all elements would slip at once.
+/// The least exponent. At -1, all elements would slip immediately.
 const LEAST_EXPONENT: f64 = -0.95;
 
-/// The largest exponent. Segalman's are at most 0; the rest is for errors of a fit. Far above, most elements slip
-/// together, and the joint has one displacement at which it yields: that is joint-hysteresis with another knee.
+/// The largest exponent. Segalman's exponents are at most 0; the remainder allows for errors of a fit. Far above this
+/// limit, most elements slip together, and the joint yields at a single displacement: it is then a joint-hysteresis
+/// with another knee.
 const LARGEST_EXPONENT: f64 = 0.2;
 
-/// Displacement of full slip over the RMS from which the joint is almost a spring.
+/// Displacement of full slip, over the RMS displacement, above which the joint is almost a spring.
 const LARGEST_SLIP: f64 = 30.0;
 
-/// A joint that slips little by little: sliders in series with springs (Jenkins elements), in parallel, which yield at
-/// all displacements up to dm. The density of the springs' stiffness over the displacements at which they yield is a
+/// A joint that slips gradually: Jenkins elements (sliders in series with springs) in parallel, which yield at all
+/// displacements up to dm. The density of the springs' stiffness over the displacements at which they yield is a
 /// power law of exponent chi. A cycle of amplitude A below dm therefore loses an energy in proportion to A^(3 + chi).
 ///
-/// This is the model of Iwan with the density of Segalman (J. Appl. Mech. 72, 2005, 752), without the share of sliders
-/// that all yield at full slip (his beta is 0): k is his K_T, and the force of full slip, his F_S, is
-/// k dm (1 + chi) / (2 + chi). With chi = 0 all yield displacements are equally frequent (W. D. Iwan, J. Appl. Mech.
-/// 33, 1966, 893).
+/// This is the model of Iwan with the density of Segalman (J. Appl. Mech. 72, 2005, 752), without the share of
+/// sliders that all yield at full slip (his beta is 0). Here, k is his K_T, and k dm (1 + chi) / (2 + chi) is the
+/// force of full slip, his F_S. With chi = 0, all yield displacements are equally frequent (W. D. Iwan, J. Appl.
+/// Mech. 33, 1966, 893).
 ///
-/// The simulation may hold a share s of the stiffness k of the stuck joint, which is then removed from it. On a single
-/// mode and on a structure of a single mode, s is 1 if it is left out: the simulation was identified at a low level, or
-/// has the joint as a spring. At other ports it is 0, and the simulation lacks the joint.
+/// The simulation may contain a share s of the stiffness k of the stuck joint, which is then removed from it. On a
+/// single mode and on a structure of a single mode, s is 1 if it is omitted: the simulation was identified at a low
+/// level, or has the joint as a spring. At other ports, it is 0 if it is omitted: the simulation lacks the joint.
 pub struct IwanJoint;
 
 impl Effect for IwanJoint {
@@ -112,13 +114,13 @@ impl Effect for IwanJoint {
     }
 }
 
-/// Returns the share of the joint's stiffness that the simulation holds.
+/// Returns the share of the joint's stiffness that the simulation contains.
 fn held_share(setting: &Setting, port: usize, parameters: &[f64]) -> f64 {
     let unsaid = if setting.contains_joints(port) { 1.0 } else { 0.0 };
     parameters.get(3).copied().unwrap_or(unsaid)
 }
 
-/// Jenkins elements in parallel. The state is the stretch of each one's spring.
+/// Jenkins elements in parallel. The state contains the stretch of each element's spring.
 struct Sliders {
     k: f64,
     s: f64,
@@ -129,8 +131,9 @@ struct Sliders {
 }
 
 impl Sliders {
-    /// Divides the yield displacements into intervals that are shorter towards zero. Each interval has one element with
-    /// its stiffness and its force of full slip, so that the backbone is exact where intervals meet.
+    /// Divides the yield displacements into intervals that become shorter towards zero. Each interval has one element
+    /// with the stiffness and the force of full slip of the interval, so that the backbone is exact where intervals
+    /// meet.
     fn new(k: f64, dm: f64, chi: f64, s: f64) -> Self {
         let power = 1.0 + chi.max(LEAST_EXPONENT);
         let edge = |j: usize| (j as f64 / ELEMENTS as f64).powi(3);
@@ -150,13 +153,13 @@ impl Force for Sliders {
         ELEMENTS
     }
 
-    /// The result is exact for a motion in one direction.
+    /// Advances the state exactly for a motion in one direction.
     fn advance(&self, from: f64, to: f64, state: &mut [f64]) {
         slide(state, &self.yields, to - from);
     }
 }
 
-/// Number of sums in which the shares of the springs are added, for the processor to work on several at once.
+/// Number of partial sums over the springs, so that the processor can work on several at once.
 const SUMS: usize = 8;
 
 #[multiversion::multiversion(targets("x86_64+avx2+fma"))]
@@ -184,7 +187,7 @@ mod tests {
 
     const EXPONENTS: [f64; 4] = [-0.9, -0.5, 0.0, 0.5];
 
-    /// Returns the force of the joint itself along a way from rest.
+    /// Returns the force of the joint itself along a path from rest.
     fn along(chi: f64, way: impl Iterator<Item = f64>) -> Vec<f64> {
         let joint = Sliders::new(3.0, 2.0, chi, 0.0);
         let (mut state, mut before) = (vec![0.0; joint.states()], 0.0);
@@ -196,8 +199,8 @@ mod tests {
         way.map(step).collect()
     }
 
-    /// The force of Segalman's joint as it is loaded for the first time, with k = 3 and dm = 2: from the density
-    /// R x^chi, k x - R x^(2 + chi) / ((1 + chi) (2 + chi)).
+    /// Returns the force of Segalman's joint when it is loaded for the first time, with k = 3 and dm = 2: from the
+    /// density R x^chi, k x - R x^(2 + chi) / ((1 + chi) (2 + chi)).
     fn backbone(chi: f64, d: f64) -> f64 {
         let (k, dm) = (3.0, 2.0_f64);
         let density = k * (1.0 + chi) / dm.powf(1.0 + chi);
@@ -242,7 +245,7 @@ mod tests {
         }
     }
 
-    /// A motion backwards and forwards again closes its loop, and continues where it was interrupted (Masing, 1926).
+    /// A motion back and forth closes its loop, and the force continues where it was interrupted (Masing, 1926).
     #[test]
     fn a_loop_closes() {
         let forces = along(-0.3, [1.2, -0.4, 0.7, 0.1, 0.7, -0.4, 1.2].into_iter());

@@ -1,22 +1,22 @@
 use super::slip::{advance, advance_skewed};
 use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
-/// Magnitude of h from which a loop is almost a curve.
+/// Magnitude of h above which a loop is almost a single curve.
 const MOST_SKEWED: f64 = 3.0;
 
-/// Displacements at which a joint yields whose stiffness the simulation contains, over the RMS of the linear
-/// simulation, from which fits start.
+/// Yield displacements from which fits start if the simulation contains the stiffness of the joint, over the RMS
+/// displacement of the linear simulation.
 const HELD_YIELDS: [f64; 2] = [0.4, 1.2];
 
 /// A joint that slips: an elastic element in series with friction (Bouc-Wen with n = 1).
 ///
-/// With two parameters it yields on loading and is elastic on unloading (h = 1). With three, h says how the
-/// two differ: with h = 0 it is the model of Dahl, and below -1 its loops stiffen (Y.-K. Wen, J. Eng. Mech. Div. ASCE
-/// 102, 1976).
+/// With two parameters, the joint yields on loading and is elastic on unloading (h = 1). With three, h sets the
+/// difference between loading and unloading: h = 0 is the model of Dahl, and with h below -1, the loops stiffen
+/// (Y.-K. Wen, J. Eng. Mech. Div. ASCE 102, 1976).
 ///
-/// On a single mode it is a joint that the simulation takes for stuck, as a simulation that was identified at a low
-/// level does: its spring k is part of the mode's stiffness and is removed there. At other ports, s is the share of k
-/// that the simulation contains.
+/// On a single mode, the simulation treats the joint as stuck, as it does if it was identified at a low level: the
+/// joint's spring k is part of the mode's stiffness and is removed there. The same holds with h but no s for a
+/// structure of a single mode. At other ports, s is the share of k that the simulation contains.
 pub struct JointHysteresis;
 
 impl Effect for JointHysteresis {
@@ -52,7 +52,7 @@ impl Effect for JointHysteresis {
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let port = setting.port(place);
         let (force, d) = (setting.force[port], setting.d_rms[port]);
-        // A given motion may be far beyond the yield: nothing but the testing machine limits it.
+        // A prescribed motion may be far beyond the yield displacement, because only the testing machine limits it.
         let far: &[f64] = if setting.plant.ports[port].moved_by().is_some() { &[0.003, 0.01, 0.03, 0.1] } else { &[] };
         let plain = [0.25, 0.8, 2.5].iter().chain(far).map(|share| vec![0.01 * force / d, share * d]);
         let skewed = [0.0, -1.0].into_iter().flat_map(|h| [0.4, 1.2].map(|share| vec![0.01 * force / d, share * d, h]));
@@ -65,8 +65,8 @@ impl Effect for JointHysteresis {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        // Above, it never yields and is a spring; far below, it is Coulomb friction. With a large h it is a nonlinear
-        // spring, whose curve is the same up and down.
+        // Above this range, the joint never yields and is a spring; far below it, the joint is Coulomb friction. With
+        // a large h, it is a nonlinear spring, whose curve is the same up and down.
         let skew = parameters.get(2).copied().unwrap_or(1.0).abs();
         let port = setting.port(place);
         let least = if setting.plant.ports[port].moved_by().is_some() { 1e-3 } else { 0.01 };
@@ -117,7 +117,7 @@ impl Force for Joint {
     }
 }
 
-/// A joint that yields at one rate as it is loaded and at another as it is unloaded, over the displacement.
+/// A joint that yields, over the displacement, at different rates on loading and on unloading.
 struct Skewed {
     k: f64,
     /// The share of k that the simulation contains.

@@ -9,8 +9,8 @@ const MAINS: [f64; 2] = [50.0, 60.0];
 /// for 99.5 % of a year (EN 50160).
 const MAINS_WIDTH: f64 = 0.01;
 
-/// Harmonics in addition to the mains frequency: rectifiers make odd ones; half-wave loads and poor symmetry make the
-/// second.
+/// Harmonics in addition to the mains frequency: rectifiers cause odd ones; half-wave loads and poor symmetry cause
+/// the second.
 const HARMONICS: [u32; 3] = [2, 3, 5];
 
 /// Mains hum on a sensor line, with its harmonics.
@@ -78,8 +78,8 @@ struct Hum {
     lines: Vec<(f64, f64, f64)>,
 }
 
-/// Samples after which a sine is computed anew. Between them, its phase is turned by a product, which is many times
-/// faster and loses less than a digit.
+/// Number of samples after which a sine is recomputed. Between these samples, a complex product advances its phase,
+/// which is many times faster and loses less than a digit.
 const TURNED: usize = 64;
 
 impl Sensor for Hum {

@@ -4,10 +4,11 @@ use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
 use crate::plant::Plant;
 use plid_fourier::C;
 
-/// A mode that the simulation lacks: q" + 2 zeta w q' + w^2 q = b.a. Each output measures the same derivative of c q as
-/// of the other modes.
+/// A mode that the simulation lacks: q" + 2 zeta w q' + w^2 q = b.a. Each output measures the same derivative of c q
+/// as it does of the other modes.
 ///
-/// Its forces pass the actuators and its motion the filters, as far as the simulation shows them.
+/// The forces on the mode pass the actuators, and its motion passes the filters, as far as the simulation contains
+/// these.
 pub struct MissingMode;
 
 impl Effect for MissingMode {
@@ -47,7 +48,7 @@ impl Effect for MissingMode {
         setting.missing.iter().filter(|mode| at(mode.hz)).map(start).collect()
     }
 
-    /// A pole that no record can show as a resonance is not a mode.
+    /// Rejects a pole that no record can show as a resonance, because such a pole is not a mode.
     fn sound(&self, setting: &Setting, _place: &Place, parameters: &[f64]) -> bool {
         let (hz, zeta) = (parameters[0], parameters[1]);
         hz < 0.5 * setting.plant.rate && hz * setting.duration_s > 1.0 && zeta < 1.0
@@ -67,7 +68,7 @@ impl Effect for MissingMode {
     }
 }
 
-/// Appends the mode; `c` is normalised, which leaves the scale in `b` alone.
+/// Appends the mode. `c` is normalised, so that `b` alone contains the scale.
 fn add(plant: &mut Plant, parameters: &[f64]) {
     let (m, p) = (plant.m, plant.p);
     let (w, zeta) = (TAU * parameters[0], parameters[1].min(0.99));

@@ -1,11 +1,11 @@
 //! The vocabulary: effects that a simulation may lack, one file for each.
 //!
-//! An effect says where it may act ([`Effect::places`]), from which values a fit starts ([`Effect::starts`]) and how it
-//! changes a simulation ([`Effect::act`]). Everything else (screen, fit, comparison, report, prediction) works on any
-//! effect. An effect of another crate is therefore one type, which [`Library::with`] adds. A built-in one is its file,
-//! the line that declares it, and one entry of the list `vocabulary!` below. Tests then name what is still missing: its
-//! check against an independent answer, its law in the testbed and in blind trials, and its equation in the script that
-//! repeats predictions.
+//! An effect states where it may act ([`Effect::places`]), from which values a fit starts ([`Effect::starts`]) and
+//! how it changes a simulation ([`Effect::act`]). Everything else (screen, fit, comparison, report, prediction) works
+//! with any effect. An effect from another crate is therefore a single type, which [`Library::with`] adds. A built-in
+//! effect consists of its file, the line that declares the file, and an entry in the list `vocabulary!` below. Tests
+//! then name what is still missing: its check against an independent solution, its law in the testbed and in blind
+//! trials, and its equation in the script that repeats predictions.
 
 mod action;
 mod actuator_crosstalk;
@@ -70,7 +70,7 @@ pub use place::{Names, Place};
 pub use setting::Setting;
 pub use units::{ARBITRARY, Units};
 
-/// Exports the effects of the list, and makes the whole vocabulary of them.
+/// Exports the effects in the list and builds the whole vocabulary from them.
 macro_rules! vocabulary {
     ($($file:ident::$effect:ident,)+) => {
         $(pub use $file::$effect;)+
@@ -82,7 +82,7 @@ macro_rules! vocabulary {
     };
 }
 
-// The one list of built-in effects. Where two of them gain equally, the first is preferred.
+// The only list of built-in effects. If two of them gain equally, the first one is preferred.
 vocabulary! {
     actuator_crosstalk::ActuatorCrosstalk,
     actuator_dead_zone::ActuatorDeadZone,
@@ -143,12 +143,13 @@ pub enum Side {
     Time,
 }
 
-/// Where an effect can be observed.
+/// The data in which an effect can be observed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Observation {
-    /// In free runs, whose outputs it changes: the search fits it.
+    /// In free runs, whose outputs the effect changes. The search fits such an effect.
     FreeRun,
-    /// In raw values: the steps of a converter. Parameters: step, and the share of it that is truncated (0 or 0.5).
+    /// In raw values: the steps of a converter. Parameters: the step, and the share of it by which truncation reduces
+    /// a value on average (0 or 0.5).
     Quantisation,
     /// In raw values: repeated samples. Parameter: their rate.
     Dropouts,
@@ -158,12 +159,12 @@ pub enum Observation {
     Band,
 }
 
-/// The values that a parameter can take, and the steps of a fit in it.
+/// The values that a parameter can take, and the steps in which a fit changes it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Range {
-    /// Any sign; zero means no effect. Steps are a share of the start.
+    /// Any sign. Steps are a share of the start.
     Signed,
-    /// Positive; steps in the logarithm.
+    /// Positive. Steps are in the logarithm, or, for an amplitude ([`Effect::amplitude`]), a share of the value.
     Positive,
     /// A frequency in Hz; steps are a small share of a line's width over all records.
     Hz,
@@ -182,7 +183,7 @@ pub struct Parameter {
     pub unit: String,
     /// Its range.
     pub range: Range,
-    /// Whether it may be left out, together with later ones; the equation then uses a default.
+    /// Whether it may be omitted together with all later ones. The equation then uses a default value.
     pub optional: bool,
 }
 
@@ -192,13 +193,13 @@ impl Parameter {
         Self { name: name.into(), unit: unit.into(), range, optional: false }
     }
 
-    /// Returns the same parameter as one that may be left out.
+    /// Returns the same parameter as one that may be omitted.
     fn or_left_out(self) -> Self {
         Self { optional: true, ..self }
     }
 }
 
-/// A parameter of the simulation, as it is and as it should be.
+/// A parameter of the simulation, with its present and its corrected value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {
     /// Its name in words.
@@ -212,7 +213,7 @@ pub struct Change {
 }
 
 impl Change {
-    /// Creates a change of a number without unit.
+    /// Creates a change of a dimensionless parameter.
     fn of(number: String, from: f64, to: f64) -> Option<Self> {
         Some(Self { number, from, to, unit: "1".into() })
     }
@@ -220,7 +221,7 @@ impl Change {
 
 /// An effect that a simulation may lack.
 pub trait Effect: Send + Sync {
-    /// Its identifier.
+    /// Returns its identifier.
     fn name(&self) -> &'static str;
 
     /// Returns the part of the signal path in which it acts.
@@ -235,54 +236,55 @@ pub trait Effect: Send + Sync {
     /// Returns all locations at which it may act, in this simulation and these records.
     fn places(&self, setting: &Setting) -> Vec<Place>;
 
-    /// Returns values from which a fit starts at a location: a coarse grid over parameters in which the output is
+    /// Returns values from which a fit starts at a location: a coarse grid over the parameters in which the output is
     /// nonlinear, with moderate sizes.
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>>;
 
-    /// Returns values from which a fit starts in the place of another effect (its name) that was found with these
-    /// parameters, if they follow from them. Where a clearance was found, a stop may be: records show how far an axis
-    /// moves freely better than any grid does.
+    /// Returns values from which a fit starts in place of another effect, which is given by its name and its fitted
+    /// parameters; empty if none follow from these. For example, a stop may be the cause where a clearance was found,
+    /// and the fitted gap gives the free travel of the axis better than any grid.
     fn starts_from(&self, _setting: &Setting, _place: &Place, _found: (&str, &[f64])) -> Vec<Vec<f64>> {
         Vec::new()
     }
 
-    /// Returns the parameter in which the output is linear near the value at which the effect vanishes, with that
-    /// value, if there is one. The screen then finds the size without a fit.
+    /// Returns the index of the parameter in which the output is linear near the value at which the effect vanishes,
+    /// and that value, if there is such a parameter. The screen then determines the size without a fit.
     fn amplitude(&self) -> Option<(usize, f64)> {
         None
     }
 
-    /// Returns whether the bounded refit has its parameter too, within the stated limits.
+    /// Returns whether the bounded refit also adjusts its parameter, within the stated limits.
     fn is_in_refit(&self) -> bool {
         false
     }
 
     /// Returns whether it only changes a parameter of the simulation. A refit can distribute such a change over the
-    /// shapes of all modes, so the effect is tried again with an explanation that leaves more than noise.
+    /// shapes of all modes. If an explanation leaves more than noise, the search therefore also looks for such an
+    /// effect behind the changes of the linear parameters.
     fn is_number(&self) -> bool {
         self.is_in_refit()
     }
 
-    /// Returns whether it is a contact with something at rest. What follows a contact depends on when it happens, so
-    /// the run at a start that is slightly off resembles nothing, and the effect is fitted whatever its rank in the
-    /// screen.
+    /// Returns whether it is a contact with a body at rest. The motion after a contact depends on when the contact
+    /// happens, so a run from slightly wrong starting values does not resemble the record. Such an effect is fitted
+    /// whatever its rank in the screen.
     fn is_contact(&self) -> bool {
         false
     }
 
-    /// Returns whether it is linear and does not change with time. A linear model that was identified from the same
-    /// records already contains such an effect.
+    /// Returns whether it is linear and time-invariant. A linear model that was identified from the same records
+    /// already contains such an effect.
     fn is_linear(&self) -> bool {
         false
     }
 
-    /// Returns where it can be observed. An effect that does not change a free run is stochastic.
+    /// Returns the data in which it can be observed. An effect that does not change a free run is stochastic.
     fn observed_in(&self) -> Observation {
         Observation::FreeRun
     }
 
-    /// Returns the free shape that is fitted with it or in its place if its own shape does not suffice; `None` for an
-    /// effect without a shape. It is one of those built in: the one on the same signal, at a place of the same kind,
+    /// Returns the free shape that is fitted with it, or in its place, if its own shape does not suffice; `None` for
+    /// an effect without a shape. The free shape is the built-in one on the same signal, at a place of the same kind,
     /// such as `Some(&Flexible::Command)` for a static curve of a command.
     fn free_shape(&self) -> Option<&'static Flexible> {
         None
@@ -294,8 +296,8 @@ pub trait Effect: Send + Sync {
         None
     }
 
-    /// Returns the effect of which it is a finer law, with more parameters. It is then tried only in the place of that
-    /// effect, once the search has found it, or where the case suspects it.
+    /// Returns the effect whose law it refines with more parameters. It is then tried only in place of that effect
+    /// once the search has found that one, or where the case suspects the finer law.
     fn refines(&self) -> Option<&'static str> {
         None
     }
@@ -312,37 +314,38 @@ pub trait Effect: Send + Sync {
         false
     }
 
-    /// Returns the numbers of the simulation or of the records that its equation uses, as name, value and unit. They
+    /// Returns the values from the simulation or the records that its equation uses, as name, value and unit. They
     /// are written together with its parameters.
     fn given(&self, _setting: &Setting, _place: &Place) -> Vec<(&'static str, f64, &'static str)> {
         Vec::new()
     }
 
-    /// Returns whether the parameters are within the meaning of the name. A hysteresis that never yields is a gain, and
-    /// a gap that never closes does not act.
+    /// Returns whether the parameters are in the range in which the name applies. A hysteresis that never yields is a
+    /// gain, and a gap that never closes has no effect.
     fn sound(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> bool {
         true
     }
 
-    /// Returns why something else may be the cause although these parameters fit: they are at the limit of what the
-    /// name means. One clause, for a report.
+    /// Returns why another cause is possible although these parameters fit: they are at the limit of the range in
+    /// which the name applies. The text is one clause for a report.
     fn caveat(&self, _parameters: &[f64]) -> Option<&'static str> {
         None
     }
 
-    /// Returns its location after the fit: a fitted frequency may be far from its start.
+    /// Returns its location after the fit, because a fitted frequency may be far from its start.
     fn fitted_place(&self, place: &Place, _parameters: &[f64]) -> Place {
         place.clone()
     }
 
-    /// Returns the parameter of the simulation that it changes, if that is all; `None` for an effect with an equation
-    /// of its own.
+    /// Returns the parameter of the simulation that it changes, if it does nothing else; `None` for an effect with an
+    /// equation of its own.
     fn change(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> Option<Change> {
         None
     }
 
-    /// Returns the relative standard deviation of the simulation's own number of this kind at a port, by its limits:
-    /// such an error acts as the effect does. Zero for an effect that is no such number.
+    /// Returns the relative standard deviation, according to the limits, of the simulation's own inertia, damping or
+    /// stiffness at a port, because an error of that value acts like the effect. Zero for an effect that does not
+    /// change such a value.
     fn own_std(&self, _limits: &Limits) -> f64 {
         0.0
     }

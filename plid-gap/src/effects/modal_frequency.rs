@@ -30,7 +30,8 @@ impl Effect for ModalFrequency {
         setting.modes()
     }
 
-    /// A mode that has moved far looks like a missing mode at its new frequency.
+    /// Returns small changes, and changes to the frequencies of missing modes, because a mode that has moved far
+    /// looks like a missing mode at its new frequency.
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let mut starts = vec![0.004, -0.004, 0.012, -0.012, 0.03, -0.03];
         if let Place::Mode(k) = *place {

@@ -10,7 +10,7 @@ pub enum Place {
     Input(usize),
     /// All inputs equally.
     AllInputs,
-    /// The loop that an input commands: what drives the port of that input.
+    /// The loop that an input commands, and that drives the port of this input.
     Loop(usize),
     /// From one input into another.
     InputToInput(usize, usize),

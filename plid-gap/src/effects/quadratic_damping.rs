@@ -1,6 +1,6 @@
 use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
-/// Damping that grows with the velocity, as of air or of oil through an orifice.
+/// Damping that grows with the velocity, such as that of air, or of oil through an orifice.
 pub struct QuadraticDamping;
 
 impl Effect for QuadraticDamping {

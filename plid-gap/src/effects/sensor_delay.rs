@@ -61,16 +61,16 @@ impl Sensor for Delay {
     }
 }
 
-/// Fewest samples over which a record is continued beyond its end.
+/// Least number of samples by which a record is continued beyond its end.
 const BEYOND: usize = 64;
 
 /// Delays a channel by any number of samples, with linear phase over the whole band. The channel had the value `before`
 /// before the record.
 ///
 /// The values between samples depend on samples on both sides, so the last ones depend on what follows the record. A
-/// record that ended with a jump would ring there. It is therefore continued by its point reflection about the last
-/// sample, which keeps value and slope, and which fades to the value before the record: the transform repeats the
-/// record periodically.
+/// record that ended with a jump would cause ringing there. The record is therefore continued by its point reflection
+/// about the last sample, which keeps the value and the slope. The continuation fades to the value before the record,
+/// because the transform repeats the record periodically.
 fn delay(y: &mut [f64], samples: f64, before: f64) {
     let Some(&last) = y.last() else { return };
     let beyond = BEYOND + samples.ceil() as usize;
@@ -97,7 +97,7 @@ mod tests {
     use crate::simulate::{Fineness, State, simulate};
     use nalgebra::dmatrix;
 
-    /// A damped mass, seen by its position.
+    /// Returns a damped mass whose position is measured.
     fn cart() -> (Plant, Setting) {
         let (a, b) = crate::testing::held(&dmatrix![0.0, 1.0; 0.0, -2.0], &dmatrix![0.0; 1.0], 1.0 / 500.0);
         let model = plid_model::Model::new(500.0, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap();
@@ -106,8 +106,8 @@ mod tests {
         (plant, setting)
     }
 
-    /// Of one input and one output, a delay of the command and one of the measurement are the same, also where the
-    /// record ends far from where it began.
+    /// With one input and one output, a delay of the command and a delay of the measurement are equivalent, even if
+    /// the record ends far from where it began.
     #[test]
     fn a_late_sensor_is_a_late_command() {
         let (plant, setting) = cart();
@@ -125,7 +125,7 @@ mod tests {
         assert!(apart < 5e-3, "{apart}");
     }
 
-    /// A plant that was displaced before the record began shows no step of its sensor.
+    /// A plant that was displaced before the record began does not cause a step in the signal of its sensor.
     #[test]
     fn a_displaced_plant_begins_without_a_step() {
         let (plant, setting) = cart();

@@ -3,7 +3,7 @@ use super::{Action, Effect, Flexible, Parameter, Place, Range, Sampling, Sensor,
 
 /// A sensor or an amplifier that clips.
 ///
-/// With a second parameter the corner of the limit is round.
+/// With a second parameter, the corner of the limit is round.
 pub struct SensorSaturation;
 
 /// Roundness from which fits of a round limit start, near that of a hyperbolic tangent.

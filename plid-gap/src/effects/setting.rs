@@ -7,11 +7,11 @@ use crate::plant::{Plant, PortSource};
 use crate::signal::peaks::MissingModeStart;
 use crate::signal::tones::Tone;
 
-/// Largest distance from 0 and from 1 of the share of a joint's stiffness that a simulation contains, for the errors of
-/// a fit.
+/// Largest amount by which the share of a joint's stiffness that a simulation contains may be below 0 or above 1,
+/// because of the errors of a fit.
 const BESIDE: f64 = 0.5;
 
-/// Shares of the inertia, damper or stiffness at a port from which fits of an added one start.
+/// Sizes from which fits of an added inertia, damper or stiffness start, as shares of that at the port.
 const LOAD_SHARES: [f64; 4] = [0.1, -0.1, 0.4, -0.4];
 
 /// Largest relative change of a mode's frequency from which a fit starts.
@@ -26,9 +26,9 @@ pub struct Setting {
     pub names: Names,
     /// Units of channels and ports.
     pub units: Units,
-    /// RMS of each input at the highest level (m).
+    /// RMS of each command of the plant at the highest level (m).
     pub u_rms: Vec<f64>,
-    /// RMS of each input's slope at the highest level, 1/s (m).
+    /// Largest RMS, over all records, of each input's slope, 1/s (m).
     pub u_slope: Vec<f64>,
     /// RMS of each measured output at the highest level (p).
     pub y_rms: Vec<f64>,
@@ -36,11 +36,11 @@ pub struct Setting {
     pub y_max: Vec<f64>,
     /// RMS of the displacement at each port, simulated at the highest level.
     pub d_rms: Vec<f64>,
-    /// Lowest and highest displacement at each port that an output measured; `None` where no output measures it.
+    /// Lowest and highest measured displacement at each port; `None` where no output measures it.
     pub d_range: Vec<Option<[f64; 2]>>,
     /// RMS of the velocity at each port.
     pub v_rms: Vec<f64>,
-    /// Force at each port that moves the structure about as much as one volt at its input.
+    /// Force at each port that moves the structure about as much as the inputs do at the highest level.
     pub force: Vec<f64>,
     /// Stiffness at each port: the force over the static displacement that it causes.
     pub stiffness: Vec<f64>,
@@ -53,7 +53,7 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// Creates names and locations only, which is all that a prediction needs.
+    /// Creates a setting with names and locations only, which suffice for a prediction.
     pub fn bare(plant: &Plant, model: &Model) -> Self {
         Self {
             plant: plant.clone(),
@@ -95,8 +95,8 @@ impl Setting {
         (0..self.plant.modes.len()).map(Place::Mode).collect()
     }
 
-    /// Returns the loops by number: those of the inputs that command the position of their own port. The controller of
-    /// a case closes its loops itself.
+    /// Returns the loops by number: those of the inputs that command the position of their own port. A plant with a
+    /// controller has none, because the controller closes the loops.
     pub fn loops(&self) -> Vec<Place> {
         if self.plant.controller.is_some() {
             return Vec::new();
@@ -150,21 +150,22 @@ impl Setting {
         let exact = self.plant.port_source != PortSource::Inferred && self.plant.rest.continuous.is_some();
         let may_act = |place: &Place| {
             let port = self.port(place);
-            // A linear force on a prescribed motion is a number of the linear model.
+            // A linear force on a prescribed motion is a parameter of the linear model.
             !self.is_on_a_mode(port) && self.plant.ports[port].moved_by().is_none()
         };
         if exact { self.joints().into_iter().filter(may_act).collect() } else { Vec::new() }
     }
 
-    /// Returns the locations of [`Setting::loads`] that a force accelerates immediately. A force that passes the lag of
-    /// an actuator first accelerates nothing at once.
+    /// Returns the locations of [`Setting::loads`] that a force accelerates immediately. A force that first passes
+    /// the lag of an actuator does not accelerate the port immediately.
     pub fn inertias(&self) -> Vec<Place> {
         self.loads().into_iter().filter(|place| self.plant.mobility(self.port(place)) > 0.0).collect()
     }
 
-    /// Returns sizes of a linear force from which fits start: shares of the port's own value, or of `other` if it
-    /// has nothing; and for each resonance that shows elsewhere, the size that moves the nearest mode there. `by` gives
-    /// the share for a frequency that is multiplied by a factor, if the force moves frequencies.
+    /// Returns sizes of a linear force from which fits start: shares of the port's own value, or of `other` if the
+    /// port has none; and, for each resonance that the records suggest at another frequency, the size that moves the
+    /// nearest mode there. If the force moves frequencies, `by` returns the share that multiplies a frequency by a
+    /// given factor.
     pub(super) fn load_starts(&self, own: f64, other: f64, by: Option<fn(f64) -> f64>) -> Vec<Vec<f64>> {
         let scale = if own > 0.0 { own } else { other };
         let mut shares = LOAD_SHARES.to_vec();
@@ -181,13 +182,13 @@ impl Setting {
         self.names.ports[port].starts_with(ON_A_MODE)
     }
 
-    /// Multiples of a start at which an internal force is 1, 3 and 10 % of the spring force there. A shift of a
-    /// resonance by more than its width cannot be extrapolated from a small change.
+    /// Returns multiples of a start at which an internal force is 1, 3 and 10 % of the spring force there. The effect
+    /// of a force that shifts a resonance by more than its width cannot be extrapolated from a small change.
     pub(crate) fn bold_sizes(&self, port: usize) -> Vec<f64> {
         if !(self.force[port] > 0.0 && self.stiffness[port] > 0.0) {
             return vec![1.0];
         }
-        // Starts have a hundredth of `force`.
+        // The force of a start is a hundredth of `force`.
         let spring = self.stiffness[port] * self.d_rms[port] / (0.01 * self.force[port]);
         [0.01, 0.03, 0.1].map(|share| share * spring).to_vec()
     }
@@ -195,7 +196,7 @@ impl Setting {
     /// Returns the number of the port at a location.
     ///
     /// # Panics
-    /// If the simulation has no port at that location.
+    /// Panics if the simulation has no port at that location.
     pub fn port(&self, place: &Place) -> usize {
         let found = match *place {
             Place::Port(k) => Some(k),

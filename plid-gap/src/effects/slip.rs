@@ -1,13 +1,13 @@
 /// Returns the hysteretic state z after its input has moved by `delta` in one direction: dz/dx = slope - z / width
-/// while |z| grows towards its limit slope width, and dz/dx = slope while it falls. The result is exact for any
-/// `delta`.
+/// while |z| grows towards its limit, slope times width, and dz/dx = slope while it falls. The result is exact for
+/// any `delta`.
 ///
 /// This solves dz = slope dx - (|dx| z + dx |z|) / (2 width).
 pub(super) fn advance(z: f64, delta: f64, slope: f64, width: f64) -> f64 {
     if delta == 0.0 {
         return z;
     }
-    // In the direction of motion.
+    // The state and the remaining path, in the direction of motion.
     let (mut along, mut left) = (z * delta.signum(), delta.abs());
     if along < 0.0 {
         let to_zero = -along / slope;
@@ -21,15 +21,15 @@ pub(super) fn advance(z: f64, delta: f64, slope: f64, width: f64) -> f64 {
     (limit + (along - limit) * (-left / width).exp()) * delta.signum()
 }
 
-/// Returns the hysteretic state z as [`advance`] does, with the general law of Bouc and Wen for n = 1: dz/dx = 1 - rise
-/// |z| while |z| grows, and dz/dx = 1 + fall |z| while it falls. A negative rate stiffens.
+/// Returns the hysteretic state z as [`advance`] does, but with the general law of Bouc and Wen for n = 1: dz/dx =
+/// 1 - rise |z| while |z| grows, and dz/dx = 1 + fall |z| while it falls. A negative rate stiffens the loop.
 ///
 /// This solves dz = dx - b |dx| z - g dx |z| with rise = b + g and fall = b - g.
 pub(super) fn advance_skewed(z: f64, delta: f64, rise: f64, fall: f64) -> f64 {
     if delta == 0.0 {
         return z;
     }
-    // In the direction of motion.
+    // The state and the remaining path, in the direction of motion.
     let (mut along, mut left) = (z * delta.signum(), delta.abs());
     if along < 0.0 {
         let to_zero = distance_to_zero(along, fall);
@@ -42,12 +42,12 @@ pub(super) fn advance_skewed(z: f64, delta: f64, rise: f64, fall: f64) -> f64 {
     moved(along, left, rise) * delta.signum()
 }
 
-/// Returns the solution of dz/dx = 1 - rate z after a way.
+/// Returns the solution of dz/dx = 1 - rate z after a path of length `way`.
 fn moved(z: f64, way: f64, rate: f64) -> f64 {
     if rate == 0.0 { z + way } else { z + (z - 1.0 / rate) * (-rate * way).exp_m1() }
 }
 
-/// Returns the way on which dz/dx = 1 - rate z leads from a negative z to zero. There is none if z falls there.
+/// Returns the distance over which dz/dx = 1 - rate z leads from a negative z to zero; infinite if z falls there.
 fn distance_to_zero(z: f64, rate: f64) -> f64 {
     let change = -rate * z;
     if rate == 0.0 {
@@ -79,7 +79,8 @@ mod tests {
         }
     }
 
-    /// So does the general law, whether it yields, stiffens or does both; and it contains the other.
+    /// The general law agrees with its equation, too, whether it yields, stiffens or does both. It contains the
+    /// simple law.
     #[test]
     fn a_skewed_loop_is_that_of_the_differential_equation() {
         let way = [(1.3, 400_000), (-0.2, 100_000), (-1.5, 400_000), (0.9, 300_000)];

@@ -1,7 +1,7 @@
 use super::{Action, Effect, Force, Parameter, Place, Range, Setting, Side};
 
-/// Dry friction that sticks: while a port is at rest, it is held up to a force that is larger than that of sliding
-/// (Stribeck).
+/// Dry friction that sticks: while a port is at rest, it is held up to a force that is larger than the force of
+/// sliding (Stribeck).
 pub struct StickFriction;
 
 /// Sliding forces from which fits start, over the force that moves the port as the inputs do.
@@ -10,14 +10,14 @@ const FORCES: [f64; 2] = [0.05, 0.25];
 /// Holding force over sliding force from which fits start.
 const HELD: f64 = 1.3;
 
-/// Velocity of the transition from which fits start, over the RMS of the linear simulation.
+/// Velocity of the transition from which fits start, over the RMS velocity of the linear simulation.
 const TRANSITION: f64 = 0.2;
 
-/// The largest such velocity. Above, the force falls with the velocity nearly everywhere, as a viscous damper that is
-/// taken away.
+/// The largest such velocity. Above it, the force falls with the velocity nearly everywhere, like that of a viscous
+/// damper that is removed.
 const FASTEST: f64 = 1.0;
 
-/// The largest holding force over the sliding force. Above, the law only bends another curve.
+/// The largest holding force over the sliding force. Above it, the law only adds curvature to another one.
 const MOST_HELD: f64 = 3.0;
 
 impl Effect for StickFriction {

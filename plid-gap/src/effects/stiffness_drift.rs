@@ -1,6 +1,6 @@
 use super::{Action, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
-/// A structure that softens or stiffens with time, for example by heat.
+/// A structure that softens or stiffens with time, for example because of heat.
 pub struct StiffnessDrift;
 
 impl Effect for StiffnessDrift {

@@ -2,26 +2,27 @@
 
 use super::{Force, Parameter, Place, Range, Setting};
 
-/// Frequencies over the sample rate at which an axis would bounce on the stops from which fits start. A structure with
-/// several modes takes longer to simulate, and is tried with one of them alone.
+/// Frequencies over the sample rate at which an axis would bounce on the stops from which fits start. A structure
+/// with several modes takes longer to simulate, so only one frequency is tried for it.
 const BOUNCES: [f64; 4] = [0.02, 0.05, 0.12, 0.3];
 const BOUNCE_OF_MODES: [f64; 1] = [0.12];
 
-/// How deep an axis enters the stops from which fits start, over the depth at which the RMS of its velocity turns. The
-/// largest displacement that was measured lies so much beyond the stop.
+/// Depth to which an axis enters the stops from which fits start, over the depth at which an axis that arrives with
+/// its RMS velocity reverses. The stop is placed this far before the largest measured displacement.
 const DEPTHS: [f64; 2] = [0.5, 1.5];
 
-/// The least position of these stops over that displacement.
+/// Least position of these stops, over the largest measured displacement.
 const NEAREST: f64 = 0.3;
 
-/// Positions over the RMS of the displacement in the linear simulation, where no output measures it.
+/// Positions of the stops from which fits start where no output measures the displacement, over the RMS of the
+/// displacement in the linear simulation.
 const OF_SIMULATED: [f64; 2] = [0.5, 1.2];
 
 /// Damping ratio of the bounce from which fits start.
 const BOUNCE_DAMPING: f64 = 0.3;
 
-/// Highest frequency of a bounce over the sample rate: records do not show how hard a stop is on which the axis bounces
-/// within a sample or two.
+/// Highest bounce frequency over the sample rate. If the axis bounces within a sample or two, the records do not
+/// determine the stiffness of the stop.
 const FASTEST: f64 = 0.5;
 
 /// Range of the position of a stop, over the largest displacement that was measured on its side, or over the RMS of the
@@ -31,7 +32,7 @@ const REACHED: [f64; 2] = [0.02, 1.05];
 const REACHED_OF_SIMULATED: [f64; 2] = [0.02, 5.0];
 
 /// Returns k, c and the position of stops from which fits start. `ends` are the largest displacements that were
-/// measured on the sides where there may be a stop; without them, `signs` are those of the positions.
+/// measured on the sides where there may be a stop. Without them, `signs` gives the signs of the positions.
 pub(super) fn starts(setting: &Setting, place: &Place, ends: Option<&[f64]>, signs: &[f64]) -> Vec<Vec<f64>> {
     let port = setting.port(place);
     let mobility = setting.plant.mobility(port);
@@ -53,8 +54,8 @@ pub(super) fn starts(setting: &Setting, place: &Place, ends: Option<&[f64]>, sig
     starts
 }
 
-/// Returns k, c and the position of the stop that is nearest to another law of a contact; `None` if the other law is no
-/// contact, or if it only pulls.
+/// Returns k, c and the position of the stop that is closest to another law of contact; `None` if the other law is
+/// not a contact, or if its stiffness is negative.
 pub(super) fn start_from(setting: &Setting, place: &Place, (name, found): (&str, &[f64])) -> Option<[f64; 3]> {
     match (name, found) {
         ("clearance", &[k, g]) if k > 0.0 => {
@@ -66,7 +67,7 @@ pub(super) fn start_from(setting: &Setting, place: &Place, (name, found): (&str,
     }
 }
 
-/// Returns whether records can show such a stop, which is on both sides or on that of its position.
+/// Returns whether records can determine a stop with these parameters, on both sides or on the side of its position.
 pub(super) fn sound(setting: &Setting, place: &Place, parameters: &[f64], sides: Sides) -> bool {
     let port = setting.port(place);
     let bounce = (parameters[0] * setting.plant.mobility(port)).sqrt() / std::f64::consts::TAU;
@@ -82,8 +83,8 @@ pub(super) fn sound(setting: &Setting, place: &Place, parameters: &[f64], sides:
     bounce < FASTEST * setting.plant.rate && (nearest * size..farthest * size).contains(&parameters[2].abs())
 }
 
-/// Stops exist where a force accelerates the axis at once and the displacement is known, at the places of linear
-/// forces.
+/// Returns the locations at which there may be a stop: those of linear forces at which a force accelerates the axis
+/// immediately and the displacement is known.
 pub(super) fn places(setting: &Setting) -> Vec<Place> {
     setting.inertias().into_iter().filter(|place| setting.sees_displacement(place)).collect()
 }
@@ -106,7 +107,7 @@ pub(super) enum Sides {
 }
 
 impl Sides {
-    /// The side of a position.
+    /// Returns the side of a position.
     pub fn of(position: f64) -> Self {
         if position >= 0.0 { Self::Above } else { Self::Below }
     }
@@ -121,7 +122,7 @@ pub(super) struct Stop {
 }
 
 impl Stop {
-    /// The side on which a displacement may meet the stop.
+    /// Returns the side on which a displacement may meet the stop.
     fn side(&self, d: f64) -> f64 {
         match self.sides {
             Sides::Both => d.signum(),
@@ -139,8 +140,8 @@ impl Force for Stop {
         if x > 0.0 { -side * (self.k * x + self.c * side * v).max(0.0) } else { 0.0 }
     }
 
-    /// Where the stop is reached within the step, the damper's force begins at once, at the speed of that moment. Where
-    /// this counts for the whole step, a motion does not depend smoothly on the position of the stop.
+    /// If the stop is reached within the step, the damper's force begins at that moment, with the speed at contact.
+    /// If this force counted for the whole step, the motion would not depend smoothly on the position of the stop.
     fn at_end(&self, [before, v_before]: [f64; 2], [d, v]: [f64; 2], state: &[f64]) -> f64 {
         let (side, end) = (self.side(d), self.force(d, v, state));
         let [from, to] = [before, d].map(|d| side * d - self.g);
@@ -161,8 +162,8 @@ impl Force for Stop {
 mod tests {
     use super::*;
 
-    /// The mean force of a step in which a stop is reached grows with the share of the step after that, from nothing to
-    /// the mean of the force at the contact and that at the end.
+    /// The mean force over a step in which a stop is reached grows with the share of the step after the contact, from
+    /// zero to the mean of the forces at the contact and at the end.
     #[test]
     fn a_stop_acts_from_where_it_is_reached() {
         let (k, c, step, speed) = (50.0, 3.0, 0.01, 2.0);

@@ -1,5 +1,5 @@
-//! The hyperbolic tangent. Laws of friction compute it in every part of every sample, and that of the C library takes
-//! most of the time of such a run.
+//! The hyperbolic tangent. Laws of friction compute it in every part of every sample, and the function of the C
+//! library would take most of the time of such a run.
 
 /// Argument from which the result is one to the last digit.
 const SATURATED: f64 = 19.1;
@@ -25,7 +25,7 @@ pub(super) fn tanh(x: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Over the whole range it agrees with the C library's.
+    /// Over the whole range, the result agrees with that of the C library.
     #[test]
     fn it_is_the_hyperbolic_tangent() {
         let exact = |x: f64| assert_eq!(tanh(x).to_bits(), x.tanh().to_bits(), "{x}");

@@ -36,7 +36,7 @@ impl Unit {
         product
     }
 
-    /// Returns the unit with a unit in place of each symbol.
+    /// Returns the unit in which each symbol is replaced by a unit.
     pub fn with(&self, in_place_of: impl Fn(&str) -> Self) -> Self {
         self.0.iter().fold(Self::default(), |whole, (symbol, power)| whole.times(&in_place_of(symbol), *power))
     }
@@ -47,7 +47,7 @@ impl Unit {
     }
 }
 
-/// "N m/rad^3", "1/(m s)", "1".
+/// Writes a unit such as "N m/rad^3", "1/(m s)" or "1".
 impl fmt::Display for Unit {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let part = |of: i32| -> Vec<String> {
@@ -129,7 +129,7 @@ impl Reader<'_> {
         Some(Unit::default().times(&base, self.exponent()?))
     }
 
-    /// Reads "^2", "^-1", "2" or a raised digit; without an exponent it is 1.
+    /// Reads an exponent such as "^2", "^-1", "2" or a raised digit (² or ³). It is 1 if the text has none.
     fn exponent(&mut self) -> Option<i32> {
         let raised = match self.next() {
             Some('²') => Some(2),
@@ -170,7 +170,7 @@ mod tests {
             ("1", "1"),
             ("m/m", "1"),
             ("as recorded", "as recorded"),
-            // No product: one symbol.
+            // Not a product: one symbol.
             ("9.81 m/s^2", "9.81 m/s^2"),
             ("m/", "m/"),
         ] {

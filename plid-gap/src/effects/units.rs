@@ -4,7 +4,7 @@ use super::unit::Unit;
 use super::{Parameter, Place, Setting};
 use crate::plant::{Plant, PortScale};
 
-/// The unit of a motion at a port that was inferred from the modes, which leaves the scale of each mode open.
+/// The unit of a motion at a port that was inferred from the modes, which leave the scale of the motion open.
 pub const ARBITRARY: &str = "arbitrary scale (no port declared)";
 
 /// Units that the case or the simulator states.
@@ -16,7 +16,7 @@ pub struct Units {
     pub outputs: Vec<Option<String>>,
     /// Units of force and displacement at each port, as a simulator states them.
     pub ports: Vec<[Option<String>; 2]>,
-    /// The unit of a channel without a declared unit; V if this is empty.
+    /// The unit of a channel without a declared unit; V if this is `None`.
     pub unknown: Option<&'static str>,
 }
 
@@ -37,7 +37,7 @@ impl Units {
         self.outputs.get(o)?.as_deref().map(Unit::read)
     }
 
-    /// Returns the unit of the displacement that an output shows, its own times s for each derivative.
+    /// Returns the unit of the displacement that an output shows: the output's own unit, times s for each derivative.
     fn displacement(&self, plant: &Plant, o: usize) -> Option<Unit> {
         Some(self.output(o)?.times(&Unit::read("s"), plant.sensed.get(o)?.order))
     }
@@ -51,8 +51,8 @@ impl Units {
         match plant.ports[port].scale {
             PortScale::Inferred(input) => AtPort::Arbitrary(input.and_then(|i| self.input(i))),
             PortScale::Shown { input, output } => AtPort::Known([self.input(input), self.displacement(plant, output)]),
-            // Force times displacement is the same work at both places.
             PortScale::Moved { input, output } => AtPort::Known([self.output(output), self.input(input)]),
+            // The product of force and displacement is the same work at both places.
             PortScale::Reciprocal { input, axis, output } => {
                 let [axis, own] = [axis, output].map(|o| self.displacement(plant, o));
                 let force = self.input(input).zip(axis).zip(own.as_ref());
@@ -69,7 +69,7 @@ impl Units {
 
 impl Setting {
     /// Returns the unit of a quantity of an effect at a place. `unit` is given in terms of force, displacement,
-    /// velocity and acceleration at a port, or of V at a channel. A part whose unit is not known keeps its name.
+    /// velocity and acceleration at a port, or of V at a channel. A term whose unit is not known keeps its name.
     pub fn unit(&self, unit: &str, place: &Place) -> String {
         let units = &self.units;
         let terms = Unit::read(unit);
@@ -110,8 +110,8 @@ impl Setting {
         shape.unwrap_or_else(|| self.unit(&parameter.unit, place))
     }
 
-    /// Returns the unit of an entry of the input shape of a mode that the simulation lacks: the mode's acceleration
-    /// over the input, if all outputs show displacements of one unit.
+    /// Returns the unit of an entry of the input shape of a mode that the simulation lacks, which is the mode's
+    /// acceleration over the input, if the displacements that the outputs show have the same unit.
     fn unit_of_shape(&self, input: usize) -> Option<String> {
         let all: Option<Vec<Unit>> = (0..self.plant.p).map(|o| self.units.displacement(&self.plant, o)).collect();
         let all = all?;
@@ -121,7 +121,8 @@ impl Setting {
     }
 }
 
-/// Returns a unit in terms of force and motion, with the units of force and displacement as far as they are known.
+/// Expresses a unit that is given in terms of force and motion in the units of force and displacement, as far as
+/// these are known.
 fn mechanical(terms: &Unit, [force, displacement]: &[Option<Unit>; 2]) -> String {
     let motion = |term: &str, order: i32| match displacement {
         Some(displacement) => displacement.times(&Unit::one("s"), -order),
@@ -144,7 +145,7 @@ mod tests {
     use crate::testing::{Sensor, truss, truss_sensed};
     use plid_model::Model;
 
-    /// Units of a truss whose outputs have this unit.
+    /// Returns the setting of a truss whose outputs have this unit.
     fn setting(model: &Model, ports: &[CasePort], output: &str) -> Setting {
         let mut plant = Plant::new(model).unwrap();
         plant.declare(ports).unwrap();

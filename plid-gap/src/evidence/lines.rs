@@ -10,11 +10,11 @@ use crate::settings::EvidenceSettings;
 use plid_fourier::C;
 use plid_report::percent;
 
-/// Least number of periods that are averaged, since the noise is estimated from their differences. If as many follow
-/// the first period, that one is left out, because the structure has to settle.
+/// Least number of periods that are averaged, because the noise is estimated from their differences. If as many
+/// follow the first period, the first one is left out, because the structure settles during it.
 const LEAST_PERIODS: usize = 2;
 
-/// Number of neighbouring lines over which the noise is averaged: enough for a scatter of a fifth.
+/// Number of neighbouring lines over which the noise is averaged, which gives a relative scatter of about a fifth.
 const NEIGHBOURS: usize = 21;
 
 /// The role of a line in a multisine of odd lines.
@@ -49,9 +49,9 @@ pub struct Line {
 pub struct Lines {
     /// Name of the record.
     pub record: String,
-    /// The lines of each output (p); empty if fewer than two periods have all of their samples.
+    /// The lines of each output (p); an output has none if fewer than two of its periods have all of their samples.
     pub outputs: Vec<Vec<Line>>,
-    /// Number of periods averaged, of the output that has the fewest; periods with missing samples are left out.
+    /// Number of periods averaged, of the output that has the fewest. Periods with missing samples are left out.
     pub periods: usize,
 }
 
@@ -62,7 +62,7 @@ pub struct Answer {
     pub share: f64,
     /// `share` for the simulation with the effects that were found.
     pub simulated: f64,
-    /// Whether it exceeds the noise by more than chance.
+    /// Whether the response exceeds the noise by more than chance allows.
     pub clear: bool,
 }
 
@@ -133,8 +133,8 @@ impl Lines {
             count += lines;
             outputs += 1.0;
         }
-        // The power of noise in a line is exponentially distributed. The noise level is known from as many lines as are
-        // averaged.
+        // The power of noise in a line is exponentially distributed. Its mean is itself an estimate, from the lines
+        // and the periods over which the noise is averaged.
         let scatter = (1.0 / count + 1.0 / (NEIGHBOURS * (self.periods - 1)) as f64).sqrt();
         (outputs > 0.0).then(|| Answer {
             share: (measured / outputs).max(0.0).sqrt(),
@@ -199,8 +199,8 @@ fn kinds(record: &Record, settings: &EvidenceSettings) -> Option<(usize, Vec<Opt
     (odd && enough(Kind::Odd) && enough(Kind::Even)).then_some((period, kinds))
 }
 
-/// Returns the first sample of each period that is used. If enough periods follow the first one, it is left out,
-/// because the structure has to settle.
+/// Returns the first sample of each period that is used. If enough periods follow the first one, the first one is
+/// left out, because the structure settles during it.
 fn used(samples: usize, period: usize) -> Vec<usize> {
     let all = samples / period.max(1);
     (usize::from(all > LEAST_PERIODS)..all).map(|k| k * period).collect()
@@ -237,7 +237,8 @@ mod tests {
 
     const PERIOD: usize = 400;
 
-    /// A static curve of one input with odd lines, every fifth left out, with a little noise.
+    /// Returns a record of one input with these lines, whose output is a static curve of the input with a little
+    /// noise.
     fn record(lines: &[usize], curve: impl Fn(f64) -> f64) -> Record {
         let noise = crate::testing::random_input(5, 4 * PERIOD, 1);
         let phase = crate::testing::random_input(6, lines.len(), 1);
@@ -304,7 +305,8 @@ mod tests {
         assert_eq!(odd_lines(&of(&record)), None);
     }
 
-    /// With u of cosines of amplitude a at the lines k and l, u + c u^2 has the amplitude c a^2 at the line k + l.
+    /// If u consists of cosines of amplitude a at the lines k and l, u + c u^2 has the amplitude c a^2 at the line
+    /// k + l.
     #[test]
     fn the_size_of_a_line_is_that_of_the_closed_form() {
         let record = record(&[41, 61, 81], |u| u + u * u);

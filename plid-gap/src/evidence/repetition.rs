@@ -1,12 +1,12 @@
-//! How much of a residual repeats in every period of a periodic input. That part has a cause which the input drives;
-//! the rest is noise, or a disturbance that knows nothing of the input.
+//! The share of a residual that repeats in every period of a periodic input. The cause of this part is driven by the
+//! input. The rest is noise, or a disturbance that is independent of the input.
 
 use crate::case::record::{Channels, Excitation, Record};
 use plid_report::percent;
 
 /// Returns the share of the residual's power that repeats in every period of the periodic records, each output scaled
 /// by its own power; `None` if no record has two periods after the first one, which contains a transient. `residual`
-/// computes that of a record (p channels), and only periodic records need one.
+/// computes the residual of a record (p channels), and is called for periodic records only.
 pub(crate) fn repeats(records: &[Record], residual: impl Fn(usize) -> Channels) -> Option<f64> {
     let (mut repeated, mut all) = (0.0, 0.0);
     for (k, record) in records.iter().enumerate() {
@@ -22,8 +22,9 @@ pub(crate) fn repeats(records: &[Record], residual: impl Fn(usize) -> Channels) 
     (all > 0.0).then(|| (repeated / all).clamp(0.0, 1.0))
 }
 
-/// Returns the sum of squares of the periodic part of a residual, without what noise adds to a mean over periods, and
-/// that of the whole residual, both over all periods but the first. Missing samples are left out.
+/// Returns the sum of squares of the periodic part of a residual, less the contribution of noise to a mean over
+/// periods, and the sum of squares of the whole residual. Both are over all periods but the first. Missing samples
+/// are left out.
 fn of_channel(error: &[f64], period: usize) -> Option<[f64; 2]> {
     if error.len() < 3 * period {
         return None;
@@ -58,8 +59,8 @@ mod tests {
     use super::*;
     use crate::testing;
 
-    /// A residual of a periodic part and white noise: the share is that of the powers, whatever the number of periods.
-    /// A sample that is missing changes nothing, and a record without a period says nothing.
+    /// In a residual of a periodic part and white noise, the share follows from the powers of both, whatever the
+    /// number of periods. A missing sample changes nothing, and a record without a period contributes nothing.
     #[test]
     fn the_periodic_part_is_told_from_the_noise() {
         let period = 500;

@@ -12,8 +12,8 @@ use crate::noise::NoiseModel;
 use crate::plant::Plant;
 use crate::settings::{EvidenceSettings, GapSettings};
 
-/// Limits of a record's own modes about those of all records: far wider than the errors of any simulation. The record
-/// alone therefore determines the modes.
+/// Limits of a record's own modes around those of all records. They are far wider than the errors of any simulation,
+/// so that the record alone determines the modes.
 const LIMITS: Limits = Limits { frequency: 0.1, damping: 2.0, shape: 0.4 };
 
 /// Largest number of steps of a record's own refit.
@@ -44,7 +44,7 @@ pub struct Alone {
     pub level: f64,
     /// Start in s.
     pub start_s: f64,
-    /// For each mode of the simulation its resonance; `None` if the record does not determine it.
+    /// The resonance of each mode of the simulation; `None` if the record does not determine it.
     pub modes: Vec<Option<Resonance>>,
 }
 
@@ -71,7 +71,7 @@ fn alone(problem: &Problem, plant: &Plant, noise: &NoiseModel, index: usize) -> 
     };
     let own = if record.samples() > SAMPLES { whole.head(SAMPLES, noise) } else { whole };
     let fitted = refit(&own, STEPS);
-    // The residual of a linear model widens the intervals.
+    // The residual that a linear model leaves widens the intervals.
     let inflation = (sum_of_squares(&fitted.residual) / own.rows().max(1) as f64).max(1.0);
     let covariance = fitted.jacobian.normal.clone().cholesky().map(|factor| factor.inverse() * inflation);
     let deviation = |entry: usize| covariance.as_ref().map_or(f64::INFINITY, |c| c[(entry, entry)].max(0.0).sqrt());
@@ -94,8 +94,8 @@ fn alone(problem: &Problem, plant: &Plant, noise: &NoiseModel, index: usize) -> 
     Alone { record: record.name.clone(), level: record.level(), start_s: record.start_s, modes }
 }
 
-/// Returns the modes that enough records show, with their trends: first the mode that follows the level or the time
-/// most clearly.
+/// Returns the modes that enough records show, with their trends. The mode that follows the level or the time most
+/// clearly comes first.
 pub fn by_trend(alone: &[Alone], settings: &GapSettings) -> Vec<(usize, Trend)> {
     let modes = alone.first().map_or(0, |alone| alone.modes.len());
     let least = settings.evidence.trend_records;
@@ -140,7 +140,8 @@ mod tests {
     use crate::testing::{case, random_input, run, truss};
     use plid_fourier::C;
 
-    /// Records of a truss whose second mode is shifted by `shift` at each level.
+    /// Returns the resonances of records of a truss whose second mode is shifted by `shift` at each level, and the
+    /// truss.
     fn found(shift: &dyn Fn(f64) -> C) -> (Vec<Alone>, Plant) {
         let sim = truss(3);
         let mut case = case(&sim, &sim);

@@ -111,7 +111,8 @@ fn follow(plant: &Plant, driven: &[&Record], noise: &[f64], settings: &EvidenceS
         let mut filter = Filter::new(form.clone(), &noise_model, &carried).ok()?;
         let mut innovations = Array2::from_elem((samples, p), f64::NAN);
         for k in 0..samples {
-            // An acceleration responds at once, but the form is strictly proper: the input is taken one sample ahead.
+            // An acceleration responds at once, but the form is strictly proper, so the input is taken one sample
+            // ahead.
             let ahead = (k + 1).min(record.samples() - 1);
             let u: Vec<f64> = (0..m).map(|i| record.u[i][ahead] / u_scale[i]).collect();
             let z: Vec<f64> = (0..p).map(|o| record.y[o][k] / y_scale[o]).collect();
@@ -133,7 +134,8 @@ fn follow(plant: &Plant, driven: &[&Record], noise: &[f64], settings: &EvidenceS
     Some(passed)
 }
 
-/// Returns frequency and damping ratio of the model's nearest mode for each mode of the simulation.
+/// Returns, for each mode of the simulation, the frequency and the damping ratio of the model's nearest mode; `None`
+/// if no mode is near.
 fn nearest(plant: &Plant, identified: &IdentifiedModel, settings: &EvidenceSettings) -> Vec<Option<(f64, f64)>> {
     let (a, b, c) = ((&identified.a).into(), (&identified.b).into(), (&identified.c).into());
     let model = Model::new(plant.rate, a, b, c, DMatrix::zeros(plant.p, plant.m));
@@ -154,7 +156,8 @@ mod tests {
     use super::*;
     use crate::testing::{RATE, case, truss};
 
-    /// Records of a truss whose first mode is shifted by `shift` in each of them.
+    /// Returns the tracks of records of a truss whose first mode is shifted by `shift` in each of them, and the
+    /// truss.
     fn tracks(shift: &dyn Fn(&Record) -> f64) -> (Tracks, Plant) {
         let sim = truss(3);
         let plant = Plant::new(&sim).unwrap();

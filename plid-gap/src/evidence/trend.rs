@@ -40,8 +40,8 @@ pub struct Trend {
     damping: (f64, f64),
 }
 
-/// Returns the trend of points with the level or with the time, whichever is clearer; `None` for fewer than `least`
-/// points.
+/// Returns the trend of points with the level or with the time, whichever is clearer; `None` if there are fewer than
+/// `least` points or neither of the two varies enough.
 pub fn trend(points: &[Point], least: usize, settings: &GapSettings) -> Option<Trend> {
     let GapSettings { case: CaseSettings { same_level, .. }, evidence, .. } = settings;
     let along = |with: Along| -> Option<Trend> {
@@ -61,7 +61,7 @@ pub fn trend(points: &[Point], least: usize, settings: &GapSettings) -> Option<T
         let low = points.iter().min_by(|a, b| x(a).total_cmp(&x(b)))?;
         let high = points.iter().max_by(|a, b| x(a).total_cmp(&x(b)))?;
         let between = (x(low), x(high));
-        // These levels count as one.
+        // Levels this close count as one.
         if with == Along::Level && between.1 < same_level * between.0 {
             return None;
         }

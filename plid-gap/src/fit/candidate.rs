@@ -14,12 +14,12 @@ pub struct Candidate<'a> {
     pub priced: f64,
 }
 
-/// Relative distance within which two frequencies are one location: fits of one line from different starts do not end
-/// at the same digits. This says which explanations are the same, wherever they are compared, and not how they are
-/// judged.
+/// Relative distance within which two frequencies are one location, because fits of one line from different starts do
+/// not end at exactly the same frequency. This constant decides which explanations are the same, wherever they are
+/// compared, and not how they are judged.
 const SAME_FREQUENCY: f64 = 0.02;
 
-/// Returns whether two name the same effect at the same location.
+/// Returns whether the two are the same effect at the same location.
 pub fn same(a: &Placed, b: &Placed) -> bool {
     a.effect.name() == b.effect.name() && near(&a.place, &b.place)
 }

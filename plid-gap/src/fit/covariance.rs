@@ -11,8 +11,8 @@ use crate::fit::scale::Scale;
 use crate::simulate::Fineness;
 
 impl Problem {
-    /// Returns the covariance under the noise model, in the parameters' own units: the effects' block of the inverse of
-    /// the normal matrix.
+    /// Returns the covariance under the noise model, in the parameters' own units. It is the effects' block of the
+    /// inverse of the normal matrix.
     pub(super) fn model_covariance(&self, normal: &Normal, effects: &[Placed], scales: &[Scale]) -> DMatrix<f64> {
         match self.inverse(normal, effects, scales) {
             Some(inverse) => in_units(&inverse, effects, scales),
@@ -20,8 +20,8 @@ impl Problem {
         }
     }
 
-    /// Returns the covariance at a fit with these derivatives, as wide as the residuals say, but no narrower than under
-    /// the noise model.
+    /// Returns the covariance at a fit with these derivatives. It is as wide as the residuals indicate, but no
+    /// narrower than under the noise model.
     pub(super) fn robust_covariance(&self, jacobian: &Jacobian, fit: &Fit, fineness: Fineness) -> DMatrix<f64> {
         let Fit { eta, effects, residual, .. } = fit;
         let plant = self.nuisance.apply(&self.plant, eta);
@@ -39,7 +39,7 @@ impl Problem {
         DMatrix::from_fn(by.len(), by.len(), |i, j| by[i] * by[j] * model[(i, j)])
     }
 
-    /// Returns the inverse of a fit's normal matrix, in which lengths that no data determine are held.
+    /// Returns the inverse of a fit's normal matrix. Lengths that no data determine are constrained in it.
     fn inverse(&self, normal: &Normal, effects: &[Placed], scales: &[Scale]) -> Option<DMatrix<f64>> {
         let mut held = normal.matrix.clone();
         let first = held.nrows() - scales.len();
@@ -52,7 +52,7 @@ impl Problem {
     }
 }
 
-/// Returns the effects' block of a covariance in the fit's scales, in the parameters' own units.
+/// Converts the effects' block of a covariance from the fit's scales to the parameters' own units.
 fn in_units(covariance: &DMatrix<f64>, effects: &[Placed], scales: &[Scale]) -> DMatrix<f64> {
     let first = covariance.nrows() - scales.len();
     let values = effects.iter().flat_map(|placed| placed.parameters.iter());

@@ -1,9 +1,9 @@
-//! The derivatives of a record's outputs by the linear parameters.
+//! The derivatives of a record's outputs with respect to the linear parameters.
 //!
-//! A mode's ten or so parameters act through the same few signals: its state under each input, and what passes the
-//! actuators and filters. Each derivative is a sum of them. A whitened derivative takes as much memory as all outputs,
-//! and hundreds of them many times that of the records, so only the gains are kept; the signals are computed where they
-//! are needed.
+//! The ten or so parameters of a mode act through the same few signals: its state under each input, and the signals
+//! that pass the actuators and filters. Each derivative is a weighted sum of these signals. A whitened derivative
+//! takes as much memory as all outputs, and hundreds of them many times that of the records. Therefore, only the
+//! gains are kept, and the signals are computed where they are needed.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
@@ -16,10 +16,12 @@ use crate::plant::{Actuator, Mode, Passed, Plant, Spectrum};
 use crate::simulate::{Fineness, simulate};
 use plid_fourier::C;
 
-/// Relative step of a pole or gain of the rest, for differences of the outputs: four of their digits are then right.
+/// Relative step of a pole or gain of the rest, for differences of the outputs. These are then accurate to four
+/// digits.
 const REST_STEP: f64 = 1e-4;
 
-/// Relative step of a pole, for differences of the gain of actuators and filters: four of their digits are then right.
+/// Relative step of a pole, for differences of the gains of actuators and filters. These are then accurate to four
+/// digits.
 const POLE_STEP: f64 = 1e-4;
 
 /// Relative step of a parameter of a mode in closed loop, for differences of the outputs: small compared with any
@@ -29,7 +31,7 @@ const LOOP_STEP: f64 = 1e-5;
 /// The derivatives of the outputs of one record.
 #[derive(Clone)]
 pub struct Derivatives {
-    /// The derivative by each parameter that acts on the record. Those that share signals follow each other.
+    /// The derivative with respect to each parameter that acts on the record. Those that share signals are adjacent.
     pub columns: Vec<Column>,
     samples: usize,
     signals: Signals,
@@ -43,7 +45,7 @@ pub struct Column {
     parts: Vec<Part>,
 }
 
-/// A signal's part in an output.
+/// The contribution of a signal to an output.
 #[derive(Clone)]
 struct Part {
     output: usize,
@@ -56,13 +58,13 @@ impl Derivatives {
         Self { columns: Vec::new(), samples, signals: Signals::default() }
     }
 
-    /// Returns the columns that share their first source of signals.
+    /// Returns the groups of columns that share their first source of signals.
     pub fn groups(&self) -> impl Iterator<Item = &[Column]> {
         let source = |column: &Column| column.parts.first().map(|part| part.signal.source);
         self.columns.chunk_by(move |a, b| source(a) == source(b))
     }
 
-    /// Computes derivatives of the outputs under a record's inputs, one after the other, and gives each to `work`.
+    /// Computes derivatives of the outputs under a record's inputs, one after the other, and passes each to `work`.
     pub fn write<'c>(
         &self,
         columns: &'c [Column],
@@ -85,8 +87,8 @@ impl Derivatives {
         }
     }
 
-    /// Adds the products of every derivative with several sets of channels (p each, from the first sample on): a column
-    /// of `to` for each set, a row for each parameter. `u` are the record's inputs.
+    /// Adds the products of every derivative with several sets of channels (p each, from the first sample on). `to`
+    /// has a column for each set and a row for each parameter. `u` are the record's inputs.
     pub fn add_products(&self, u: &[Vec<f64>], sets: &[Channels], to: &mut DMatrix<f64>) {
         let Some(length) = sets.first().map(|channels| channels[0].len()) else { return };
         // The signals are computed once for all sets.
@@ -108,7 +110,7 @@ impl Derivatives {
         }
     }
 
-    /// Keeps a derivative that shares no signal with others.
+    /// Adds a derivative that shares no signal with others.
     fn alone(&mut self, parameter: usize, outputs: Channels) {
         let mut column = Column::new(parameter);
         for (o, mut y) in outputs.into_iter().enumerate() {
@@ -141,7 +143,7 @@ impl Column {
 
 impl Nuisance {
     /// Returns the derivatives of the outputs of a record. `spectrum` is that of the plant ([`Spectrum::of`]), which
-    /// all records share; without it the parameters of the rest are left out.
+    /// all records share. Without it, the parameters of the rest are left out.
     pub fn derivatives(
         &self,
         plant: &Plant,
@@ -176,14 +178,14 @@ impl Nuisance {
         found
     }
 
-    /// Returns only those by the initial state of a record.
+    /// Returns only the derivatives with respect to the initial state of a record.
     pub fn by_start(&self, plant: &Plant, samples: usize, index: usize) -> Derivatives {
         let mut found = Derivatives::new(samples);
         self.add_start(plant, index, &mut found);
         found
     }
 
-    /// Adds the derivatives by the entries of a mode's shapes.
+    /// Adds the derivatives with respect to the entries of a mode's shapes.
     fn by_shapes(&self, plant: &Plant, k: usize, response: &Response, through: &Through, to: &mut Derivatives) {
         let (mode, base) = (&plant.modes[k], k * self.each());
         let (b, c) = self.directions(k, mode);
@@ -207,7 +209,7 @@ impl Nuisance {
         }
     }
 
-    /// Adds the derivatives by a mode's frequency and damping ratio.
+    /// Adds the derivatives with respect to a mode's frequency and damping ratio.
     fn by_pole(&self, plant: &Plant, k: usize, response: &Response, through: &Through, to: &mut Derivatives) {
         let mode = &plant.modes[k];
         let (size, zeta) = (mode.pole.norm(), mode.damping());
@@ -235,8 +237,8 @@ impl Nuisance {
         }
     }
 
-    /// Adds the derivatives by the parameters of the modes in closed loop, as differences: the controller answers to
-    /// each change of the outputs.
+    /// Adds the derivatives with respect to the parameters of the modes in closed loop. They are computed as
+    /// differences, because the controller responds to each change of the outputs.
     fn by_modes_in_loop(&self, plant: &Plant, record: &Record, to: &mut Derivatives) {
         let outputs = |plant: &Plant| simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
         let nominal = outputs(plant);
@@ -247,7 +249,8 @@ impl Nuisance {
         }
     }
 
-    /// Adds the derivatives by the parameters of the rest as differences, because the rest has few states.
+    /// Adds the derivatives with respect to the parameters of the rest. They are computed as differences, because the
+    /// rest has few states.
     fn by_rest(&self, plant: &Plant, spectrum: &Spectrum, record: &Record, to: &mut Derivatives) {
         let outputs = |plant: &Plant| simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
         let nominal = outputs(plant);
@@ -260,7 +263,7 @@ impl Nuisance {
         }
     }
 
-    /// Adds the derivatives by the initial state of a record, if it is fitted.
+    /// Adds the derivatives with respect to the initial state of a record, if it is fitted.
     fn add_start(&self, plant: &Plant, index: usize, to: &mut Derivatives) {
         let Some(at) = self.starts[index] else { return };
         if plant.controller.is_some() {
@@ -291,8 +294,8 @@ impl Nuisance {
 }
 
 impl Nuisance {
-    /// Adds the derivatives by the initial state in closed loop: the controller responds to each free response, and has
-    /// its own state.
+    /// Adds the derivatives with respect to the initial state in closed loop: the controller responds to each free
+    /// response, and has its own state.
     fn add_start_in_loop(&self, plant: &Plant, index: usize, at: usize, to: &mut Derivatives) {
         let still = vec![vec![0.0; to.samples]; self.m];
         let mut eta = vec![0.0; self.len()];
@@ -315,9 +318,9 @@ fn slope(mut moved: Channels, nominal: &Channels, step: f64) -> Channels {
 
 /// The signals of a mode's state under a record's inputs.
 struct Response {
-    /// Under each input alone, through a shape of one.
+    /// The state under each input alone, with an input shape of one.
     units: Vec<Signal>,
-    /// The derivative by the pole of that under all inputs, through the mode's own shape.
+    /// The derivative of the state with respect to the pole, under all inputs, with the mode's own shape.
     slope: Signal,
 }
 

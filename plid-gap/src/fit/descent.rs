@@ -25,7 +25,7 @@ pub struct Fit<'a> {
     pub cost: f64,
     /// Covariance of the effects' parameters, in their own units.
     pub covariance: DMatrix<f64>,
-    /// Whether the last step was small.
+    /// Whether the search reached a minimum, as far as it can tell.
     pub converged: bool,
 }
 
@@ -41,53 +41,55 @@ impl Fit<'_> {
 pub struct Effort {
     /// Largest number of steps.
     pub steps: usize,
-    /// A step that lowers the cost by less than this ends the fit. With few linear parameters, and if the cost exceeds
-    /// the number of rows, the gain counts in proportion to the cost.
+    /// A step that lowers the cost by less than this ends the fit. With few linear parameters, this limit grows in
+    /// proportion to the cost if the cost exceeds the number of rows.
     pub gain: f64,
     /// Fineness of forces within a sample.
     pub fineness: Fineness,
 }
 
-/// The last steps of a fit: it is close to its minimum, and intervals need the derivatives at the minimum itself.
+/// The effort of the last steps of a fit, which is then close to its minimum. Intervals need the derivatives at the
+/// minimum itself.
 const SETTLED: Effort = Effort { steps: 6, gain: 0.05, fineness: Fineness::FINE };
 
-/// Largest number of steps of a fit with few linear parameters ([`Problem::few`]). Where these have absorbed nearly all
-/// of an effect, they give it back along a curved valley.
+/// Largest number of steps of a fit with few linear parameters ([`Problem::few`]). Where these parameters have
+/// absorbed nearly all of an effect, the fit returns it to the effect along a curved valley.
 const STEPS_IF_FEW: usize = 40;
 
 /// Largest number of times that a fit is repeated from zero: each repetition ends nearer the minimum.
 const RESTARTS: usize = 4;
 
-/// Gain of such a repetition below which there is no further one: it moves the parameters by much less than their
-/// standard deviations.
+/// Gain of such a repetition below which no further one follows, because a further one would move the parameters by
+/// much less than their standard deviations.
 const REPEATED: f64 = 2.0;
 
-/// A fit that is repeated from zero.
+/// The effort of a fit that is repeated from zero.
 const ANEW: Effort = Effort { steps: 12, gain: 0.1, fineness: Fineness::FINE };
 
-/// Damping up to which linear parameters are not damped. The model is close to linear in them, and only a step that led
-/// astray is shortened.
+/// Damping up to which linear parameters are not damped. The model is close to linear in them, so their steps are
+/// only shortened after a step that raised the cost.
 const UNDAMPED: f64 = 1e-3;
 
 /// The damping of a fit's steps (Marquardt 1963).
 const DAMPING: Damping = Damping { start: UNDAMPED, shrink: 0.1, grow: 10.0, least: 1e-9, tries: 6, factors: &[1.0] };
 
-/// The damping of fits with a load. Along the valley in which the poles and gains follow the load, only their prior
-/// holds the linear parameters. A damping of the load that exceeds it makes them take the step, and biases the load.
+/// The damping of fits with a load. Along the valley in which the poles and gains follow the load, only the prior
+/// constrains the linear parameters. If the damping of the load exceeds this constraint, the linear parameters take
+/// the step instead, and the load is biased.
 const DAMPING_LOADED: Damping = Damping { start: 1e-8, grow: 100.0, ..DAMPING };
 
-/// The damping if every step is tried undamped first.
+/// The damping of a search that tries every step undamped first.
 const DAMPING_LINEAR: Damping = Damping { shrink: 0.0, least: UNDAMPED, tries: 7, ..DAMPING };
 
-/// Number of steps after which derivatives that depend on the effects are computed again: a plant changes little in
-/// three.
+/// Number of steps after which derivatives that depend on the effects are computed again. A plant changes little in
+/// three steps.
 const RENEWED: usize = 3;
 
-/// Change of an effect's parameter, in its unit steps, up to which the derivatives by the effects' parameters are used
-/// again. Each takes a run of all records.
+/// Change of an effect's parameter, in its unit steps, up to which the derivatives with respect to the effects'
+/// parameters are reused. Each of them takes a run of all records.
 const REUSED: f64 = 0.005;
 
-/// The source of the derivatives by the linear parameters.
+/// The source of the derivatives with respect to the linear parameters.
 enum Derivatives<'p> {
     /// They are given and do not change.
     Given(&'p Jacobian),
@@ -95,8 +97,8 @@ enum Derivatives<'p> {
     Renewed(&'p Jacobian),
     /// They are computed at every step, without effects.
     Current,
-    /// They are computed with the effects every few steps, which takes a run for each linear parameter, and again where
-    /// no step lowers the cost.
+    /// They are computed with the effects every few steps, which takes a run for each linear parameter. They are
+    /// computed again where no step lowers the cost.
     WithEffects,
 }
 
@@ -109,11 +111,11 @@ pub(super) struct Search<'p, 'a> {
     scales: Vec<Scale>,
     /// Derivatives that the search computed itself.
     own: Option<Jacobian>,
-    /// Linearisations so far.
+    /// Number of linearisations so far.
     steps: usize,
     /// The effects at the last linearisation.
     linearised: Vec<Placed<'a>>,
-    /// The last derivatives by the effects' parameters, and the effects to which they belong.
+    /// The last derivatives with respect to the effects' parameters, and the effects to which they belong.
     columns: Option<(Columns, Vec<Placed<'a>>)>,
 }
 
@@ -127,7 +129,7 @@ pub(super) struct Point<'a> {
     pub cost: f64,
 }
 
-/// Normal equations, the first of whose parameters are the linear ones.
+/// Normal equations whose first parameters are the linear ones.
 #[derive(Clone)]
 pub(super) struct PartlyLinear {
     normal: Normal,
@@ -147,10 +149,10 @@ impl<'p, 'a> Search<'p, 'a> {
     fn run(&mut self, eta: &[f64], effects: &[Placed<'a>]) -> Minimum<Self> {
         self.scales = self.problem.scales(effects);
         let mut eta = eta.to_vec();
-        // A fit to the same records in windows has other initial states.
+        // A fit to windows of the same records has more initial states.
         eta.resize(self.problem.nuisance.len(), 0.0);
         let start = self.problem.point(eta, effects.to_vec(), self.effort.fineness);
-        // Far from the minimum, a search over few parameters has time, and not every gain there is worth a step.
+        // A search over few parameters may take many steps, but far from the minimum, not every gain is worth one.
         let share = if self.problem.few() { self.effort.gain / self.problem.rows().max(1) as f64 } else { 0.0 };
         let mut stop = Stop { steps: self.effort.steps, gain: self.effort.gain, share, ..Stop::default() };
         let Ok(mut found) = minimise(self, start, self.damping, stop);
@@ -169,9 +171,9 @@ impl<'p, 'a> Search<'p, 'a> {
         by_effects || matches!(self.derivatives, Derivatives::WithEffects) && !(self.steps - 1).is_multiple_of(RENEWED)
     }
 
-    /// Renews the residual, and the derivatives by the effects' parameters if these have moved. Returns whether the
-    /// derivatives are the same as before. Where all derivatives are those of the simulation with its effects, they are
-    /// always those at this point.
+    /// Renews the residual, and also the derivatives with respect to the effects' parameters if these parameters have
+    /// moved. Returns whether the derivatives are the same as before. Where all derivatives are those of the
+    /// simulation with its effects, they are always computed at this point.
     fn renew_columns(&mut self, at: &Point<'a>) -> bool {
         let Point { eta, effects, plant, residual, .. } = at;
         let near = |of: &[Placed]| far_apart(of, effects, &self.scales) <= REUSED;
@@ -222,8 +224,8 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
                 self.own.insert(problem.jacobian(plant))
             }
             Derivatives::WithEffects => {
-                // A load and the poles that it moves may look alike to the last digit. Derivatives of which only some
-                // are current would part them.
+                // A load and the poles that it moves may be alike to the last digit. If only some of the derivatives
+                // were current, the two would appear to differ.
                 if self.steps.is_multiple_of(RENEWED) || problem.is_loaded(effects) {
                     self.own = Some(problem.jacobian_with_effects(at, self.effort.fineness));
                 }
@@ -253,9 +255,9 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
 }
 
 impl Problem {
-    /// Fits the linear parameters and the effects from the given start. The derivatives by the linear parameters are
-    /// those of the linear simulation, as far as effects do not move its modes. If the linear parameters are few, they
-    /// are those of the simulation with its effects.
+    /// Fits the linear parameters and the effects from the given start. The derivatives with respect to the linear
+    /// parameters are those of the linear simulation, computed again for modes that the effects move. If the linear
+    /// parameters are few or an effect loads the plant, they are those of the simulation with its effects.
     pub fn fit<'a>(&self, jacobian: &Jacobian, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
         if self.few() || self.is_loaded(effects) {
             return self.fitted(Derivatives::WithEffects, eta, effects, effort);
@@ -263,10 +265,10 @@ impl Problem {
         self.fitted(Derivatives::Renewed(jacobian), eta, effects, effort)
     }
 
-    /// Takes the last steps of a fit. If an effect resembles linear parameters, these have absorbed a part of it in the
-    /// preceding refit. Both can explain the records along a narrow, curved valley of almost equal sums of squares, in
-    /// which no step goes far. A fit that ends with linear parameters far from zero is therefore repeated from zero,
-    /// where the valley is entered near its minimum.
+    /// Takes the last steps of a fit. If an effect resembles linear parameters, these parameters have absorbed a part
+    /// of it in the preceding refit. Both can explain the records along a narrow, curved valley of almost equal sums
+    /// of squares, in which every step is short. A fit that ends with linear parameters far from zero is therefore
+    /// repeated from zero, from where it enters the valley near its minimum.
     pub fn settled<'a>(&self, fit: &Fit<'a>) -> Fit<'a> {
         if fit.effects.is_empty() {
             return fit.clone();
@@ -291,13 +293,13 @@ impl Problem {
         settled
     }
 
-    /// Takes the last steps of a fit, with the derivatives of the simulation with its effects. Without a force that
-    /// acts inside the structure, the derivatives are wrong by as much as the force changes the motion. The fit would
-    /// then end near its minimum, but not at it, and with intervals that are too narrow.
+    /// Takes the last steps of a fit, with the derivatives of the simulation with its effects. Derivatives that
+    /// ignore a force inside the structure are wrong by as much as the force changes the motion. The fit would then
+    /// end near its minimum, but not at it, and its intervals would be too narrow.
     fn last_steps<'a>(&self, fit: &Fit<'a>) -> Fit<'a> {
         if self.few() {
-            // A gain of the actuator and one of the sensor trade off against the size of an effect between them, and
-            // only their prior holds them.
+            // A gain of the actuator and a gain of the sensor trade off against the size of an effect between them,
+            // and only the prior constrains them.
             let (derivatives, effort) = (Derivatives::WithEffects, self.far(SETTLED));
             let mut settled = self.fitted_by(derivatives, DAMPING_LOADED, &fit.eta, &fit.effects, effort);
             let jacobian = self.settled_jacobian(&settled);
@@ -310,7 +312,8 @@ impl Problem {
         settled
     }
 
-    /// Returns the effort with as many steps as the way to the minimum may take if the linear parameters are few.
+    /// Returns the effort. If the linear parameters are few, it has as many steps as the path to the minimum may
+    /// take.
     pub(crate) fn far(&self, effort: Effort) -> Effort {
         if self.few() { Effort { steps: STEPS_IF_FEW, ..effort } } else { effort }
     }
@@ -385,9 +388,9 @@ mod tests {
         Problem { settings: Arc::new(settings), ..problem }
     }
 
-    /// A spring stiffens, and the simulation's resonances are off within the limits. With the derivatives of the linear
-    /// simulation the fit does not end at its minimum: the cost still decreases along the linear parameters, and the
-    /// interval of the spring is too narrow.
+    /// A spring stiffens, and the simulation's resonances are wrong within the limits. With the derivatives of the
+    /// linear simulation, the fit does not end at its minimum: the cost still decreases along the linear parameters,
+    /// and the interval of the spring is too narrow.
     #[test]
     fn the_last_steps_end_where_no_linear_parameter_lowers_the_cost() {
         let sim = testing::truss(1);
@@ -424,7 +427,8 @@ mod tests {
         assert!(off.abs() < 4.0, "{off} standard deviations");
     }
 
-    /// A viscous damper, which the vocabulary does not have.
+    /// A viscous damper that acts as an internal force. The one in the vocabulary, added-damping, is a load on the
+    /// plant.
     struct Viscous;
 
     struct Resistance(f64);
@@ -465,8 +469,8 @@ mod tests {
         }
     }
 
-    /// In a structure that moves in almost one mode, a damper is nearly a change of that mode's damping ratio, and the
-    /// bounded refit absorbs it. The fit of the damper releases it again, so the interval contains the truth.
+    /// In a structure that moves in almost a single mode, a damper is nearly a change of that mode's damping ratio,
+    /// and the bounded refit absorbs it. The fit of the damper releases it again, so the interval contains the truth.
     #[test]
     fn what_the_refit_took_of_an_effect_is_given_back() {
         let sim = testing::truss_with(1, |_, input, output| {

@@ -12,8 +12,8 @@ use crate::simulate::{Fineness, State, simulate};
 /// run to have diverged. No physical effect reaches it.
 const OUT_OF_BOUNDS: f64 = 1e3;
 
-/// Most corrections of an initial state by the error of the run with effects. The derivatives are those of the linear
-/// response, so one correction leaves a transient where the effects are strong.
+/// Largest number of corrections of an initial state by the error of the run with effects. The derivatives are those
+/// of the linear response, so a single correction leaves a transient where the effects are strong.
 const MOST_CORRECTIONS: usize = 6;
 
 /// Share of the squared error below which another correction is worth a run.
@@ -44,9 +44,9 @@ pub(crate) fn run(plant: &Plant, actions: &[Action], record: &Record) -> Channel
     simulate(plant, actions, &record.u, record.start_s, start.as_ref(), Fineness::FINE)
 }
 
-/// Returns the initial state that explains a record best, by least squares on the linear response: first without
-/// effects, then corrected by the error of the run with them. A run from rest would begin with a transient that the
-/// record does not have, and that effects may amplify.
+/// Returns the initial state that explains a record best, by least squares on the linear response. It is fitted first
+/// without effects, and then corrected by the error of the run with them. A run from rest would begin with a
+/// transient that the record does not have, and that effects may amplify.
 fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
     let nuisance = Nuisance::new(plant, std::slice::from_ref(record), &Limits::default());
     let (first, states) = (nuisance.of_simulation(), nuisance.states());

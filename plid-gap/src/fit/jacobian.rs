@@ -29,7 +29,7 @@ pub struct Jacobian {
 enum Kept {
     /// All of them.
     Values(Single),
-    /// Those of each record, before they are whitened: hundreds of whitened ones take many times the memory of the
+    /// Those of each record before whitening. Hundreds of whitened derivatives take many times the memory of the
     /// records.
     Signals(Vec<Derivatives>),
 }
@@ -42,7 +42,7 @@ impl Jacobian {
         Self { normal, kept: Kept::Values(columns) }
     }
 
-    /// The derivatives themselves, where they are kept as such.
+    /// Returns the derivatives themselves, if they are kept as values.
     pub(super) fn columns(&self) -> Option<&Single> {
         match &self.kept {
             Kept::Values(columns) => Some(columns),
@@ -85,7 +85,7 @@ fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> DMatrix<f64> {
     product
 }
 
-/// Columns of the rows of a whitened residual.
+/// Columns with the same rows as a whitened residual.
 #[derive(Clone)]
 pub(super) struct Columns {
     rows: usize,
@@ -105,7 +105,7 @@ impl Columns {
 }
 
 impl Problem {
-    /// Computes the derivatives by the linear parameters at a linear model.
+    /// Computes the derivatives with respect to the linear parameters at a linear model.
     pub fn jacobian(&self, plant: &Plant) -> Jacobian {
         let spectrum = Spectrum::of(plant);
         let mut normal = DMatrix::zeros(self.nuisance.len(), self.nuisance.len());
@@ -119,7 +119,7 @@ impl Problem {
         Jacobian { normal, kept: Kept::Signals(kept) }
     }
 
-    /// Adds the information of one record.
+    /// Adds the information of one record to the normal matrix.
     fn add_normal(&self, index: usize, derivatives: &Derivatives, to: &mut DMatrix<f64>) {
         let (whitener, record) = (&self.whiteners[index], &self.records[index]);
         let rows = whitener.rows();
@@ -149,12 +149,12 @@ impl Problem {
         }
     }
 
-    /// Computes the derivatives by the linear parameters of the simulation with a fit's effects, as differences of
-    /// simulations. For an initial state, only its own record is simulated.
+    /// Computes the derivatives of the simulation with a fit's effects, with respect to the linear parameters, as
+    /// differences of simulations. For an initial state, only its own record is simulated.
     pub(super) fn jacobian_with_effects(&self, at: &Point, fineness: Fineness) -> Jacobian {
         // Step in standard deviations of the prior. The sum of squares is close to quadratic within a hundredth of one.
         const STEP: f64 = 1e-2;
-        // A wide prior says nothing about that; the parameters are relative changes.
+        // A wide prior does not limit the step. The parameters are relative changes.
         const MOST: f64 = 1e-3;
         let (rows, actions) = (self.rows(), self.actions(&at.effects));
         let columns = Single::filled(rows, self.nuisance.len(), |k, column| {
@@ -180,8 +180,8 @@ impl Problem {
         Jacobian::new(columns, &self.nuisance.std)
     }
 
-    /// Computes the derivatives by each effect parameter, as differences of simulations. The residual is the last
-    /// column. Parameters of effects on the sensors share one run.
+    /// Computes the derivatives with respect to each effect parameter, as differences of simulations. The residual is
+    /// the last column. Parameters of effects on the sensors share one run.
     pub(super) fn effect_columns(
         &self,
         plant: &Plant,
@@ -215,8 +215,8 @@ impl Problem {
         Columns { rows: residual.len(), values }
     }
 
-    /// Fills the normal equations of the linear parameters and the effects' parameters, with the prior. The last of the
-    /// columns is the residual, the others are the derivatives by the effects' parameters.
+    /// Fills the normal equations of the linear parameters and the effects' parameters, with the prior. The last
+    /// column is the residual; the other columns are the derivatives with respect to the effects' parameters.
     pub(super) fn assemble(&self, jacobian: &Jacobian, columns: &Columns, eta: &[f64], to: &mut Normal) {
         let (all, n) = (columns.matrix(), self.nuisance.len());
         let k = all.ncols() - 1;
@@ -247,7 +247,7 @@ impl Problem {
         }
     }
 
-    /// Returns the direction of a refit from a residual: J' r less the gradient of the prior.
+    /// Returns the descent direction of a refit from a residual: J' r less the gradient of the prior.
     pub fn gradient(&self, jacobian: &Jacobian, residual: &[f64], eta: &[f64]) -> DMatrix<f64> {
         let mut gradient = self.cross(jacobian, residual);
         for ((g, x), std) in gradient.iter_mut().zip(eta).zip(&self.nuisance.std) {

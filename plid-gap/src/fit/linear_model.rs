@@ -15,7 +15,7 @@ pub(crate) struct Arrays<'r> {
 }
 
 impl<'r> Arrays<'r> {
-    /// Takes the inputs of records, and the outputs that a model is to give for them.
+    /// Takes the inputs of records, and the outputs that a model is to reproduce.
     pub(crate) fn new(records: Vec<&'r Record>, target: impl Fn(&'r Record) -> &'r Channels) -> Self {
         let matrices = records.iter().map(|record| [&record.u, target(record)].map(matrix)).collect();
         Self { records, matrices }
@@ -35,7 +35,8 @@ impl<'r> Arrays<'r> {
     }
 }
 
-/// Returns the options for these records. It is unknown whether the plant responds at once.
+/// Returns the options for these records. Direct feedthrough is allowed, because it is unknown whether the plant has
+/// any.
 pub(crate) fn options(records: &[plid_refine::Record]) -> Options {
     Options {
         radius: plid_refine::slowest_radius(records),
@@ -45,7 +46,8 @@ pub(crate) fn options(records: &[plid_refine::Record]) -> Options {
     }
 }
 
-/// Identifies the best model with this number of states. `head` are the records without the part that decides.
+/// Identifies the best model with this number of states. `head` contains the records without the part that decides
+/// between candidates.
 ///
 /// # Errors
 /// [`RefineError`] if the records do not determine such a model.

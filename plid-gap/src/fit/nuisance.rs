@@ -19,7 +19,7 @@ const NORMAL_MEDIAN: f64 = 0.6745;
 /// The quantity that a linear parameter of the simulation changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
-    /// A frequency, a damping ratio or another number of a pole, the size of its contribution included.
+    /// A frequency, a damping ratio or another parameter of a pole, including the size of its contribution.
     Pole,
     /// The response to one input.
     Input(usize),
@@ -45,13 +45,14 @@ pub struct Nuisance {
     nominal: Vec<(C, C)>,
     /// Index of each record's initial state, if it is fitted.
     pub(super) starts: Vec<Option<usize>>,
-    /// RMS of each mode's state under the records' inputs, followed by the other states: those of the controller are
-    /// under the records' outputs.
+    /// Size of each mode's state under the records' inputs, followed by those of the other states. The states of the
+    /// controller are taken under the records' outputs.
     pub(super) sizes: Vec<f64>,
     /// Standard deviations of the prior.
     pub std: Vec<f64>,
-    /// Whether a port follows the shapes of its input. The derivatives of the linear simulation leave out how that
-    /// changes a force at the port, so only fits with the derivatives of the whole simulation set it.
+    /// Whether a port follows the shapes of its input. The derivatives of the linear simulation do not include how
+    /// this changes a force at the port, so only fits with the derivatives of the simulation with its effects set
+    /// this flag.
     pub ports_follow: bool,
 }
 
@@ -95,16 +96,17 @@ impl Nuisance {
         self
     }
 
-    /// Returns the factor, at least one, by which the modes' parameters exceed their prior. It is estimated from the
-    /// median of those that the records determine, which is insensitive to a few that an effect has moved.
+    /// Returns the factor, at least one, by which the parameters of modes, poles and gains exceed their prior. It is
+    /// estimated from the median of the parameters that the records determine, which is insensitive to a few that an
+    /// effect has moved.
     pub fn needed(&self, eta: &[f64], jacobian: &Jacobian, determined: f64) -> f64 {
         let mut off: Vec<f64> = self.determined(jacobian, determined).map(|k| (eta[k] / self.std[k]).abs()).collect();
         off.sort_by(f64::total_cmp);
         off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
     }
 
-    /// Returns twice the negative logarithm of the prior density of those of these parameters that the records
-    /// determine, with the scale that they need, up to a constant.
+    /// Returns twice the negative logarithm of the prior density of the parameters that the records determine, up to
+    /// a constant. The prior is widened by the factor that these parameters need.
     pub fn prior_cost(&self, eta: &[f64], jacobian: &Jacobian, determined: f64) -> f64 {
         let scale = self.needed(eta, jacobian, determined);
         let cost = |k: usize| (eta[k] / self.std[k] / scale).powi(2) + 2.0 * scale.ln();
@@ -158,7 +160,8 @@ impl Nuisance {
         self.offsets.iter().enumerate().map(|(o, size)| (self.first_offset() + o, *size))
     }
 
-    /// Returns these parameters with the simulation as given: its own are zero, and the initial states stay.
+    /// Returns these parameters for the simulation as given: the parameters of the simulation are zero, and the
+    /// initial states are kept.
     pub fn as_given(&self, eta: &[f64]) -> Vec<f64> {
         let mut given = eta.to_vec();
         given[..self.of_simulation()].fill(0.0);
@@ -175,7 +178,7 @@ impl Nuisance {
         self.spectrum.as_ref().map_or(&[], |spectrum| &spectrum.numbers)
     }
 
-    /// States which values the parameters of the rest get by their entries of `eta`.
+    /// States the values that the parameters of the rest take for these entries of `eta`.
     pub fn rest_in_words(&self, eta: &[f64], inputs: &[String], outputs: &[String]) -> Vec<String> {
         let Some(spectrum) = &self.spectrum else { return Vec::new() };
         let numbers = spectrum.numbers.iter().zip(&eta[self.of_modes()..]);
@@ -203,8 +206,8 @@ impl Nuisance {
         2 + self.m + self.p
     }
 
-    /// Returns the mode of an entry and its part (0 frequency, 1 damping, then inputs, then outputs); `None` for
-    /// numbers of the rest and for initial states.
+    /// Returns the mode of an entry and its part (0 frequency, 1 damping, then inputs, then outputs); `None` for an
+    /// entry that belongs to no mode.
     pub fn entry(&self, index: usize) -> Option<(usize, usize)> {
         (index < self.of_modes()).then(|| (index / self.each(), index % self.each()))
     }
@@ -269,8 +272,8 @@ impl Nuisance {
         changed
     }
 
-    /// Returns the directions of a mode's shapes, moved or not, with the signs of the simulation as given. Half an
-    /// angle is ambiguous in sign, and the choice may change as the pole moves.
+    /// Returns the directions of a mode's shapes, moved or not, with the signs of the simulation as given. The sign
+    /// of half an angle is ambiguous, and may change as the pole moves.
     pub(super) fn directions(&self, k: usize, mode: &crate::plant::Mode) -> (C, C) {
         let towards = |nominal: C, now: C| if (nominal.conj() * now).re < 0.0 { -now } else { now };
         let ((b, c), nominal) = (directions(mode), self.nominal[k]);
@@ -282,7 +285,7 @@ impl Nuisance {
         self.starts[record].is_none()
     }
 
-    /// Returns the initial state of a record, if it is fitted; at rest where `eta` lacks it.
+    /// Returns the initial state of a record, if it is fitted. Entries that `eta` lacks are zero.
     pub fn start(&self, record: usize, eta: &[f64]) -> Option<State> {
         let at = self.starts[record]?;
         let entry = |k: usize| eta.get(at + k).copied().unwrap_or(0.0);
@@ -294,8 +297,8 @@ impl Nuisance {
     }
 }
 
-/// The directions in which real shapes change: the largest entry, times the phase that makes the shape as nearly real
-/// as possible, with either sign.
+/// Returns the directions in which real shapes change: the magnitude of the largest entry, times the phase that makes
+/// the shape as nearly real as possible, with either sign.
 fn directions(mode: &crate::plant::Mode) -> (C, C) {
     let of = |shape: &[C]| {
         let size = shape.iter().map(|x| x.norm()).fold(0.0, f64::max);
@@ -304,7 +307,8 @@ fn directions(mode: &crate::plant::Mode) -> (C, C) {
     (of(&mode.b), of(&mode.c))
 }
 
-/// The RMS of each state under the records' inputs; one for a state that nothing excites.
+/// Returns the size of each state: the RMS for modes under the records' inputs and for the controller under the
+/// records' outputs, and the increment in a sample for other states. A state that nothing excites has the size one.
 fn state_sizes(plant: &Plant, records: &[Record]) -> Vec<f64> {
     let level = records.iter().map(Record::level).fold(0.0, f64::max);
     let step = 1.0 / plant.rate;
@@ -353,8 +357,8 @@ mod tests {
         }
     }
 
-    /// A cubic spring at a port whose shape differs from the simulation's: once the input shape is corrected, force and
-    /// displacement are right.
+    /// A cubic spring acts at a port whose shape differs from the simulation's. Once the input shape is corrected,
+    /// the force and the displacement are right.
     #[test]
     fn ports_follow_their_input_shapes() {
         const MODE: usize = 1;
@@ -365,7 +369,7 @@ mod tests {
         record.u = u.clone();
         let mut nuisance = Nuisance::new(&nominal, std::slice::from_ref(&record), &Limits::default());
         nuisance.ports_follow = true;
-        // The entry is in units of the shape's largest one.
+        // The entry is in units of the largest entry of the shape.
         let shape = &nominal.modes[MODE].b;
         let mut eta = vec![0.0; nuisance.len()];
         eta[MODE * nuisance.each() + 2] = 0.05 * (shape[0] / directions(&nominal.modes[MODE]).0).re;

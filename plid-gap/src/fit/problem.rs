@@ -44,8 +44,8 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Returns the problem with the first samples of each record only. The time of a search is proportional to them,
-    /// and a record from rest still starts from rest.
+    /// Returns the problem with the first samples of each record only. The time of a search is proportional to their
+    /// number, and a record from rest still starts from rest.
     pub fn head(&self, samples: usize, noise: &NoiseModel) -> Self {
         let head = |record: &Record| record.part(0..record.samples().min(samples), self.plant.rate);
         let records: Vec<Record> = self.records.iter().map(head).collect();
@@ -125,20 +125,22 @@ impl Problem {
     }
 
     /// Returns whether the fits use the derivatives of the simulation with the effects, which take a run for each
-    /// linear parameter: if these are few, or effects change the motion strongly. The derivatives of the linear
-    /// simulation lead astray there, and where the linear parameters have absorbed nearly all of an effect.
+    /// linear parameter. They do so if these parameters are few or effects change the motion strongly. The
+    /// derivatives of the linear simulation are misleading there, and where the linear parameters have absorbed
+    /// nearly all of an effect.
     pub fn few(&self) -> bool {
         self.strong || self.has_numbers()
     }
 
-    /// Returns whether the refit can have every number of the simulation, such as a gain or an inertia, because its few
-    /// parameters are functions of these.
+    /// Returns whether the refit can represent a change of any physical parameter of the simulation, such as a gain
+    /// or an inertia, because the few linear parameters are functions of the physical ones.
     pub fn has_numbers(&self) -> bool {
         self.nuisance.of_simulation() <= self.settings.search.few_parameters
     }
 
-    /// Returns whether an effect loads the plant, whose few linear parameters allow the derivatives of the simulation
-    /// with its effects. A load and the poles that it moves look alike, so that derivatives without it lead astray.
+    /// Returns whether an effect loads the plant and the linear parameters are few enough for the derivatives of the
+    /// simulation with its effects. A load and the poles that it moves look alike, so derivatives without the load
+    /// are misleading.
     pub fn is_loaded(&self, effects: &[Placed]) -> bool {
         let few = self.nuisance.of_simulation() <= self.settings.search.strong_parameters;
         few && self.actions(effects).iter().any(|action| matches!(action, Action::Load(..)))
@@ -165,7 +167,7 @@ impl Problem {
 
     /// Returns the whitened residuals of a linear model, with several sets of actions.
     pub fn residuals(&self, plant: &Plant, eta: &[f64], sets: &[Vec<Action>], fineness: Fineness) -> Vec<Vec<f64>> {
-        // Each run holds its command and its outputs, so not all are run at once.
+        // Each run holds its command and its outputs in memory, so not all are run at once.
         const AT_ONCE: usize = 8;
         let count = self.records.len();
         let residuals = |sets: &[Vec<Action>]| -> Vec<Vec<f64>> {

@@ -40,7 +40,8 @@ impl Refit {
 /// Largest number of steps within the prior's bounds: the model is close to linear in its parameters there.
 pub const STEPS: usize = 5;
 
-/// A step that lowers the cost by less than this is the last one: an effect counts only if it gains more than ten.
+/// A step that lowers the cost by less than this is the last one, because an effect counts only if it gains more than
+/// ten.
 const LEAST_GAIN: f64 = 1.0;
 
 /// Fits the linear parameters alone.
@@ -57,7 +58,7 @@ impl Refit {
         self.cost = sum_of_squares(&self.residual) + problem.penalty(&self.eta);
     }
 
-    /// Returns the linear parameters as far as they stay within the limits.
+    /// Returns the linear parameters, brought back to within the limits.
     pub fn within_limits(&self, problem: &Problem) -> Vec<f64> {
         clipped(problem, &self.eta).unwrap_or_else(|| self.eta.clone())
     }

@@ -11,12 +11,12 @@ use nalgebra::DMatrix;
 
 use crate::fit::single::Single;
 
-/// Returns a factor, at least one, on the standard deviation of each parameter in `own`: that from the residuals over
-/// that from the noise model.
+/// Returns a factor, at least one, on the standard deviation of each parameter in `own`: the standard deviation from
+/// the residuals over that from the noise model.
 ///
-/// `linear` and `own` have the derivatives of the whitened residual; `prior` is the precision of the first parameters,
-/// those without one following; `covariance` is that of all parameters under the noise model. No leverage counts for
-/// more than `most_leverage`.
+/// `linear` and `own` contain the derivatives of the whitened residual. `prior` is the precision of the first
+/// parameters; those without a prior follow. `covariance` is that of all parameters under the noise model. No
+/// leverage counts for more than `most_leverage`.
 pub(super) fn widened(
     linear: &Single,
     own: MatRef<'_, f64>,
@@ -68,7 +68,8 @@ mod tests {
         widened(&linear, own, prior, residual, &covariance, 0.9)
     }
 
-    /// Two parameters; a tenth of the rows alone determine the second, and there the noise is `louder` than elsewhere.
+    /// Returns the factor of the second of two parameters. Only a tenth of the rows determine it, and there the noise
+    /// is `louder` times as large as elsewhere.
     fn factor(louder: f64) -> f64 {
         let noise = random_input(1, ROWS, 1).remove(0);
         let told = |row: usize| row.is_multiple_of(10);
@@ -82,7 +83,7 @@ mod tests {
 
     #[test]
     fn intervals_grow_as_the_noise_where_they_come_from() {
-        // Four hundred rows determine a standard deviation to a twentieth or so.
+        // Four hundred rows determine a standard deviation to within about a twentieth.
         assert!((factor(2.0) / 2.0 - 1.0).abs() < 0.1, "{}", factor(2.0));
         assert!(factor(1.0) < 1.1 && factor(0.5) == 1.0, "{} {}", factor(1.0), factor(0.5));
     }

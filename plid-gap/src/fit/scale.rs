@@ -3,8 +3,8 @@
 use crate::effects::Range;
 use crate::fit::problem::{Placed, Problem, dot};
 
-/// The constraint of the length of a vector of which only the direction counts, as one over a relative standard
-/// deviation.
+/// The constraint on the length of a vector of which only the direction counts: one over the relative standard
+/// deviation of the length.
 const HELD: f64 = 1e4;
 
 /// Unit step of a frequency, over the width of a line in all records together: the phase at their ends then turns by
@@ -18,9 +18,9 @@ pub(super) enum Scale {
     Linear(f64),
     /// value * e^step.
     Logarithm,
-    /// value * (1 + step), for a positive parameter to which the effect is proportional: linear parameters that give
-    /// way to the effect then take their part of the same step. Downwards it is linear only to half the value, and no
-    /// step leaves less than a sixth.
+    /// value * (1 + step), for a positive parameter to which the effect is proportional. Linear parameters that
+    /// compensate for the effect then take their part of the same step. Downwards, the step is linear only to half
+    /// the value, and no step leaves less than a sixth.
     Size,
 }
 
@@ -28,7 +28,7 @@ impl Scale {
     fn moved(self, value: f64, step: f64) -> f64 {
         match self {
             Scale::Linear(scale) => value + step * scale,
-            // No step exceeds a factor e, because the slope here says little about a shape that far away.
+            // No step exceeds a factor e, because the slope here says little about a value that far away.
             Scale::Logarithm => value * step.clamp(-1.0, 1.0).exp(),
             Scale::Size if step > -0.5 => value * (1.0 + step),
             Scale::Size => value * 0.5 * (2.0 * step + 1.0).max(-1.0).exp(),
@@ -40,7 +40,7 @@ impl Scale {
         (to - from) / self.slope(from)
     }
 
-    /// Returns the derivative of the parameter by the step.
+    /// Returns the derivative of the parameter with respect to the step.
     pub(super) fn slope(self, value: f64) -> f64 {
         match self {
             Scale::Linear(scale) => scale,
@@ -86,8 +86,8 @@ impl Problem {
         scales
     }
 
-    /// Returns, for each vector of which only the direction counts, the derivative of its length by all effect
-    /// parameters, times [`HELD`]. No data determine such a length, and it is held where it is.
+    /// Returns, for each vector of which only the direction counts, the derivative of its length with respect to all
+    /// effect parameters, times [`HELD`]. No data determine such a length, so it is held at its value.
     pub(super) fn lengths(&self, effects: &[Placed], scales: &[Scale]) -> Vec<Vec<f64>> {
         let mut lengths = Vec::new();
         let mut first = 0;

@@ -1,5 +1,6 @@
 //! Signals that follow from a record's inputs, computed one block of samples at a time. All signals of all samples
-//! would take tens of times the memory of the record, and would be read from memory where a block stays in the cache.
+//! would take tens of times the memory of the record and would be read from main memory, whereas a block stays in the
+//! cache.
 
 use std::ops::Range;
 
@@ -7,7 +8,8 @@ use crate::plant::Mode;
 use crate::simulate::lanes::{Quad, WIDE};
 use plid_fourier::C;
 
-/// Samples of a block. No power of two: the same sample of many signals would share a few sets of the cache.
+/// Number of samples in a block. It is not a power of two, because the same sample of many signals would then share a
+/// few sets of the cache.
 const BLOCK: usize = 248;
 
 /// The signals of a record, in the order of their sources.
@@ -25,7 +27,7 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// The imaginary part of a complex signal, which follows its real part.
+    /// Returns the imaginary part of a complex signal, which follows its real part.
     pub fn imaginary(self) -> Self {
         Self { number: self.number + 1, ..self }
     }
@@ -48,7 +50,7 @@ enum Kind {
     Kept(Vec<f64>),
 }
 
-/// z = turn z + held u, from a start: a complex signal, or its real part alone.
+/// The recurrence z = turn z + held u, from a start: a complex signal, or its real part alone.
 #[derive(Clone)]
 pub struct Recurrence {
     pub turn: C,
@@ -61,8 +63,9 @@ pub struct Recurrence {
 /// Complex numbers in lanes: the real parts, then the imaginary parts.
 type Complex = [Quad; 2];
 
-/// Up to four poles. The signals of a pole are its state under each input alone, through a shape of one, and for a mode
-/// also the derivative by the pole of the state under all inputs, through the mode's shape. All are complex.
+/// Up to four poles. The signals of a pole are its state under each input alone, with a shape of one. For a mode,
+/// there is also the derivative, with respect to the pole, of the state under all inputs, with the mode's shape. All
+/// signals are complex.
 #[derive(Clone)]
 struct Poles {
     lanes: usize,
@@ -73,7 +76,7 @@ struct Poles {
     slope: Option<Slope>,
 }
 
-/// The derivatives of `turn` and `held` by the poles, and the input shape (m).
+/// The derivatives of `turn` and `held` with respect to the poles, and the input shape (m).
 #[derive(Clone)]
 struct Slope {
     turn: Complex,
@@ -81,7 +84,7 @@ struct Slope {
     b: Vec<Complex>,
 }
 
-/// Returns a number of each pole, in lanes.
+/// Returns one complex number for each pole, in lanes.
 fn in_lanes(values: impl Iterator<Item = C>) -> Complex {
     let mut lanes = Complex::default();
     for (l, value) in values.enumerate() {
@@ -108,18 +111,18 @@ impl Poles {
         Self { slope: Some(slope), ..Self::new(&poles, m, step) }
     }
 
-    /// Number of complex signals of a pole.
+    /// Returns the number of complex signals of a pole.
     fn each(&self) -> usize {
         self.m + usize::from(self.slope.is_some())
     }
 }
 
-/// e^{pole step}.
+/// Returns e^(pole step).
 fn turn(pole: C, step: f64) -> C {
     (pole * step).exp()
 }
 
-/// The increment of a state by a unit that is held over a sample.
+/// Returns the increment of a state by a unit input that is held over a sample.
 fn held(pole: C, step: f64) -> C {
     (turn(pole, step) - 1.0) / pole
 }
@@ -144,7 +147,7 @@ impl Signals {
         self.add(Kind::Kept(signal), 1)
     }
 
-    /// Adds modes and returns, for each, its state under each input and the derivative by its pole.
+    /// Adds modes and returns, for each, its state under each input and the derivative with respect to its pole.
     pub fn modes(&mut self, modes: &[Mode], step: f64) -> Vec<(Vec<Signal>, Signal)> {
         let groups = modes.chunks(WIDE).flat_map(|modes| self.poles(Poles::of_modes(modes, step)));
         let split = |mut signals: Vec<Signal>| {
@@ -154,7 +157,7 @@ impl Signals {
         groups.map(split).collect()
     }
 
-    /// Adds the states of filters with these poles, and returns those under each input for each.
+    /// Adds the states of filters with these poles, and returns, for each pole, the state under each input.
     pub fn filters(&mut self, poles: &[C], m: usize, step: f64) -> Vec<Vec<Signal>> {
         poles.chunks(WIDE).flat_map(|poles| self.poles(Poles::new(poles, m, step))).collect()
     }
@@ -172,22 +175,23 @@ impl Signals {
         Signal { source: self.sources.len() - 1, number: 0 }
     }
 
-    /// Number of signals.
+    /// Returns the number of signals.
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// The place of a signal among all.
+    /// Returns the place of a signal among all.
     pub fn place(&self, signal: Signal) -> usize {
         self.sources[signal.source].first + signal.number
     }
 
-    /// Number of signals of a source.
+    /// Returns the number of signals of a source.
     fn signals_of(&self, source: usize) -> usize {
         self.sources.get(source + 1).map_or(self.count, |next| next.first) - self.sources[source].first
     }
 
-    /// Computes all signals of the first samples, block by block: the range of samples, and one column for each signal.
+    /// Computes all signals of the first samples, block by block. `work` receives the range of samples, and one
+    /// column for each signal.
     pub fn for_each_block(&self, u: &[Vec<f64>], samples: usize, mut work: impl FnMut(Range<usize>, &[f64])) {
         let mut states = self.start();
         let mut block = vec![0.0; BLOCK.min(samples) * self.count];
@@ -200,7 +204,7 @@ impl Signals {
         }
     }
 
-    /// Computes the signals of one source over the first samples: one column for each.
+    /// Computes the signals of one source over the first samples, one column for each signal.
     pub fn whole(&self, source: usize, u: &[Vec<f64>], samples: usize) -> Vec<f64> {
         let mut signals = vec![0.0; samples * self.signals_of(source)];
         let source = &self.sources[source];
@@ -255,7 +259,8 @@ impl Recurrence {
     }
 }
 
-/// Advances four poles at a time: each number waits for the last sample, and meanwhile the processor works on others.
+/// Advances four poles at a time. The next state of a pole has to wait for the previous one, and meanwhile the
+/// processor works on other poles.
 #[multiversion::multiversion(targets("x86_64+avx2+fma"))]
 fn advance_poles(poles: &Poles, state: &mut [Complex], u: &[Vec<f64>], range: Range<usize>, to: &mut [f64]) {
     let (length, each) = (range.len(), poles.each());

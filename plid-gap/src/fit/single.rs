@@ -1,16 +1,17 @@
 //! Columns in single precision.
 //!
 //! The derivatives of runs with effects are the largest array of a diagnosis: a value for each row of all records and
-//! each linear parameter. Single precision halves it. The rounding of 6e-8 is small beside the error of a difference of
-//! simulations over a step of a thousandth, and products are summed in double precision. The exact derivatives without
-//! effects stay in double precision: with rounded ones, the places of an error could no longer be told apart.
+//! each linear parameter. Single precision halves it. The rounding of 6e-8 is small beside the error of a difference
+//! of simulations over a step of a thousandth, and products are summed in double precision. The exact derivatives
+//! without effects stay in double precision: if they were rounded, the locations of an error could no longer be
+//! distinguished.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-/// Number of rows that are computed together: they fit into the cache in double precision.
+/// Number of rows that are computed together. In double precision, they fit into the cache.
 const CHUNK: usize = 1024;
 
 /// Columns (rows x columns) in single precision.
@@ -21,7 +22,7 @@ pub(super) struct Single {
 }
 
 impl Single {
-    /// Returns columns of so many rows, each of which `write` fills.
+    /// Returns columns with this number of rows, each of which `write` fills.
     pub fn filled(rows: usize, columns: usize, write: impl Fn(usize, &mut [f32]) + Sync) -> Self {
         let mut values = vec![0.0; rows * columns];
         values.par_chunks_mut(rows.max(1)).enumerate().for_each(|(k, column)| write(k, column));
@@ -33,8 +34,8 @@ impl Single {
         self.values.len() / self.rows.max(1)
     }
 
-    /// Calls `take` with consecutive rows in double precision: the first row, the rows, and the columns of `beside` in
-    /// the same rows, which follow those of this matrix.
+    /// Calls `take` with consecutive rows in double precision. Its arguments are the number of the first row and the
+    /// rows, in which the columns of `beside` follow those of this matrix.
     pub fn for_each_chunk(&self, beside: MatRef<'_, f64>, mut take: impl FnMut(usize, MatRef<'_, f64>)) {
         let own = self.columns();
         let mut chunk = Mat::zeros(CHUNK, own + beside.ncols());
@@ -48,7 +49,7 @@ impl Single {
         }
     }
 
-    /// Returns the product of the transposed columns with `v`, whose rows are the same.
+    /// Returns the product of the transposed columns with `v`, which has the same rows.
     pub fn product(&self, v: MatRef<'_, f64>) -> DMatrix<f64> {
         let own = self.columns();
         self.sum(own, v.ncols(), v, |chunk| chunk.split_at_col(own))

@@ -29,13 +29,13 @@ pub struct LoopDiagnosis {
     pub verdict: Verdict,
     /// The verdict as a sentence.
     pub sentence: String,
-    /// The effects, the largest share of the gap first.
+    /// The effects, in decreasing order of their shares of the gap.
     pub effects: Vec<NamedEffect>,
     /// The explanations, the most probable first.
     pub candidates: Vec<Explanation>,
     /// Explanations that these records cannot separate.
     pub not_separable: Vec<Vec<String>>,
-    /// Where the gap lies.
+    /// The location of the gap.
     #[serde(rename = "where")]
     pub place: Where,
     /// The gaps before and after, relative to the outputs.
@@ -58,7 +58,7 @@ pub struct LoopDiagnosis {
 pub struct LoopGap {
     /// Gap of the simulator as given.
     pub as_given: f64,
-    /// Gap after a fit of its parameters within their limits.
+    /// Gap after a fit of the simulator's parameters within their limits.
     pub refit: f64,
     /// Gap with the effects.
     pub with_effect: f64,
@@ -70,7 +70,7 @@ pub struct LoopGap {
     pub shrink_ci95: [f64; 2],
     /// One minus the ratio of `with_effect` to `refit`, both beyond the noise.
     pub shrink_over_refit: f64,
-    /// The gap at the highest level that is predicted from the fitted records, before any held-out record is opened.
+    /// The gap at the highest level, as predicted from the fitted records before any held-out record is opened.
     pub predicted_held_out_gap: f64,
     /// The 80 % interval of the prediction.
     pub predicted_ci80: [f64; 2],
@@ -85,10 +85,10 @@ pub struct SimulatorWithEffects {
     pub format: String,
     /// The description of the simulator.
     pub simulator: Description,
-    /// The command of the simulator, if it is a program.
+    /// The command that starts the simulator, if the simulator is a program.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub command: Vec<String>,
-    /// The FMU of the simulator, if it is one.
+    /// The FMU, if the simulator is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fmu: Option<FmuSource>,
     /// Values of the simulator's parameters, by name.
@@ -101,9 +101,9 @@ pub struct SimulatorWithEffects {
     pub t0: f64,
     /// RMS of the noise of each output, in its unit.
     pub noise_rms: Vec<f64>,
-    /// The gap that is expected on new records of the level of the loudest fitted one.
+    /// The expected gap on new records at the level of the loudest fitted record.
     pub expected_gap: f64,
-    /// The range of the fitted records; files of former versions do not have it.
+    /// The range of the fitted records; files of earlier versions lack it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fitted: Option<FittedRange>,
 }
@@ -113,9 +113,9 @@ pub struct SimulatorWithEffects {
 pub struct WrittenPort {
     /// The name of the port.
     pub name: String,
-    /// Change of the velocity over a step for a unit of force.
+    /// Change of the velocity over a step per unit of force.
     pub mobility: f64,
-    /// Weight of the velocity after a step in the change of the displacement over it.
+    /// Weight of the velocity after a step in the change of the displacement over that step.
     pub weight: f64,
 }
 
@@ -185,7 +185,7 @@ pub(super) fn candidates(
     weighted.iter().map(one).collect()
 }
 
-/// Returns the best explanation with those that cannot be separated from it.
+/// Returns the best explanation together with those that cannot be separated from it.
 pub(super) fn class(problem: &Problem, best: &Fit, judged: &Judged) -> Vec<Vec<String>> {
     if judged.not_separable.is_empty() {
         return Vec::new();
@@ -203,7 +203,7 @@ fn stated(effect: &NamedEffect) -> String {
     }
 }
 
-/// Returns the answer in a sentence.
+/// Returns the answer as a sentence.
 pub(super) fn sentence(
     problem: &Problem,
     judged: &Judged,
@@ -249,7 +249,7 @@ pub(super) fn sentence(
     }
 }
 
-/// Number of things left out that a warning names; diagnosis.json has all of them.
+/// Largest number of omitted items that a warning names; diagnosis.json lists all of them.
 const NAMED: usize = 4;
 
 /// Returns the warning that a bound ended the search early.

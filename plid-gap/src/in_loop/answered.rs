@@ -1,4 +1,4 @@
-//! The answer about any simulator: by its linear model, or with itself in the loop.
+//! The answer about any simulator, from its linear model or with the simulator itself in the loop.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ use crate::in_loop::{LoopOutcome, report, require_same_channels};
 
 /// The answer about a simulator.
 pub enum Answered {
-    /// The simulator is linear: its model was diagnosed. The case holds the model.
+    /// The simulator is linear, and its model was diagnosed. The case contains the model.
     ByModel(Box<(Outcome, Case)>),
     /// The simulator itself was run with effects.
     InLoop(Box<LoopOutcome>),
@@ -56,7 +56,7 @@ pub(super) fn by_model(
             case.config.units.entry(name.clone()).or_insert_with(|| unit.clone());
         }
     }
-    // What the linear diagnosis cannot take, such as an unstable simulation, stays in the loop.
+    // A simulator whose model the linear diagnosis cannot use, such as an unstable one, is diagnosed in the loop.
     let Ok(mut outcome) = diagnose(&case, library, say) else { return Ok(None) };
     let calls = checked.calls();
     let name = description.name;
@@ -102,8 +102,8 @@ impl Answered {
         }
     }
 
-    /// Returns the record that the report shows: its name, and the outputs measured, as given and with the effects
-    /// (p channels each).
+    /// Returns the record that the report shows: its name, and its outputs measured, simulated as given and simulated
+    /// with the effects (p channels each).
     pub fn shown(&self) -> (&str, &[Channels; 3]) {
         match self {
             Self::ByModel(found) => (&found.0.shown.trace_record, &found.0.shown.trace),
@@ -119,11 +119,12 @@ impl Answered {
         }
     }
 
-    /// Predicts the outputs (p channels) for inputs (m channels), from rest, from time `t0` on. A linear simulator is
-    /// not called again.
+    /// Predicts the outputs (p channels) for inputs (m channels), from rest at time `t0`. A linear simulator is not
+    /// called again.
     ///
     /// # Errors
-    /// [`GapError::Simulator`] if the simulator fails or is another one; [`GapError::Diverged`].
+    /// [`GapError::Simulator`] if the simulator fails; [`GapError::Failed`] if it is a different simulator;
+    /// [`GapError::Diverged`].
     pub fn predict(
         &self,
         simulator: &mut dyn Simulator,
@@ -143,10 +144,10 @@ impl Answered {
         }
     }
 
-    /// Writes diagnosis.json, sim-with-effect.json and report.html into a folder, together or not at all.
+    /// Writes diagnosis.json, sim-with-effect.json and report.html into a folder, either all of them or none.
     ///
     /// # Errors
-    /// As [`crate::write`].
+    /// The errors of [`crate::write`].
     pub fn write(&self, case: &Case, folder: &Path) -> Result<(), GapError> {
         match self {
             Self::ByModel(found) => crate::report::write(&found.0, case, folder),
@@ -154,10 +155,11 @@ impl Answered {
         }
     }
 
-    /// Writes the report alone to a file, whole or not at all. The page needs no other file.
+    /// Writes only the report to a file, completely or not at all. The page needs no other file.
     ///
     /// # Errors
-    /// [`GapError::NotFinite`] with a number of the diagnosis that is not finite; [`GapError::Io`] with the file.
+    /// [`GapError::NotFinite`] with the key of a number of the diagnosis that is not finite; [`GapError::Io`] with
+    /// the file.
     pub fn write_page(&self, case: &Case, file: &Path) -> Result<(), GapError> {
         self.diagnosis().map_err(|source| GapError::NotFinite { file: file.into(), source })?;
         let page = match self {

@@ -1,4 +1,4 @@
-//! The bounds on the runs of a simulator, and what is left out because of them.
+//! The bounds on the runs of a simulator, and the work that is left out because of them.
 
 use crate::answer::schema::Bound;
 use crate::settings::LoopSettings;
@@ -6,22 +6,22 @@ use crate::settings::LoopSettings;
 /// The runs of a simulator so far.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Spent {
-    /// Their number.
+    /// The number of runs.
     pub runs: usize,
-    /// The time that they took in s. Runs that go side by side take the time of the longest one.
+    /// The time that the runs took in s. Runs in parallel count with their elapsed time only.
     pub seconds: f64,
-    /// The samples of those runs from which the time of a further one is estimated, and the time of these in s.
+    /// The samples of the runs from which the time of a further run is estimated, and the time of these runs in s.
     pub timed: (usize, f64),
 }
 
-/// The bounds on the runs of a search. Some runs are kept back for what follows it: the intervals of the parameters,
-/// the gap on other records and the range of the motion.
+/// The bounds on the runs of a search. Some runs are reserved for the work after the search: the intervals of the
+/// parameters, the gap on other records and the range of the motion.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds {
     calls: usize,
     seconds: f64,
     kept: usize,
-    /// Samples of a run that is kept back.
+    /// Number of samples of a reserved run.
     samples: usize,
 }
 
@@ -29,13 +29,13 @@ impl Bounds {
     /// No bounds.
     pub const NONE: Self = Self { calls: usize::MAX, seconds: f64::INFINITY, kept: 0, samples: 0 };
 
-    /// Returns the bounds of a case, which keep back this number of runs of so many samples.
+    /// Returns the bounds of a case, which reserve `kept` runs of `samples` samples each.
     pub fn of(settings: &LoopSettings, kept: usize, samples: usize) -> Self {
         Self { calls: settings.calls, seconds: settings.seconds, kept, samples }
     }
 
-    /// Returns how many further runs of so many samples are within the bounds, and which bound allows no more. The time
-    /// of a run is estimated from its samples.
+    /// Returns the number of further runs of `samples` samples that are within the bounds, and the bound that limits
+    /// it. The time of a run is estimated from its samples.
     pub fn left(&self, spent: Spent, samples: usize) -> (usize, Bound) {
         let calls = self.calls.saturating_sub(spent.runs.saturating_add(self.kept));
         let each = spent.timed.1 / spent.timed.0.max(1) as f64;
@@ -43,7 +43,7 @@ impl Bounds {
         if seconds < calls as f64 { (seconds.max(0.0) as usize, Bound::Seconds) } else { (calls, Bound::Calls) }
     }
 
-    /// Returns the bounds that leave half of the further runs.
+    /// Returns the bounds that allow half of the further runs.
     pub fn half(&self, spent: Spent) -> Self {
         let calls = self.calls.saturating_sub(spent.runs.saturating_add(self.kept));
         Self {
@@ -59,12 +59,12 @@ impl Bounds {
     }
 }
 
-/// What a search left out.
+/// The work that a search left out.
 #[derive(Debug, Clone)]
 pub(super) struct Cut {
     /// The bound that was reached first.
     pub by: Bound,
-    /// What was left out, in order.
+    /// Descriptions of the omitted work, in order.
     pub what: Vec<String>,
 }
 
@@ -79,7 +79,7 @@ mod tests {
         // 40 runs of 1000 samples in 20 s: half a second each.
         let spent = Spent { runs: 40, seconds: 20.0, timed: (40_000, 20.0) };
         assert_eq!(bounds.left(spent, 1000), (50, Bound::Calls));
-        // Short runs take less time; 5 s are kept back, and 35 s remain.
+        // A run of 2000 samples takes 1 s; 5 s are reserved, and 35 s remain.
         assert_eq!(bounds.left(spent, 2000), (35, Bound::Seconds));
         assert_eq!(bounds.half(spent).left(spent, 1000), (25, Bound::Calls));
         assert_eq!(bounds.half(spent).left(spent, 2000), (17, Bound::Seconds));

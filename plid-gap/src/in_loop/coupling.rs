@@ -1,11 +1,11 @@
-//! Forces between the steps of a foreign simulator.
+//! Forces between the steps of an external simulator.
 //!
-//! A law gives the force at a port from its motion, but a simulator takes a force only before a step and shows the
-//! motion only after it. A stiff law (dry friction, a stop, an added mass) would be unstable if it used the motion
-//! before the step. The velocity after the step is therefore predicted: the acceleration without the port's force is
-//! that of the last step, and a unit of force adds the port's measured mobility. The law is solved for the force that
-//! agrees with the velocity in the middle of the step, or at its end where the law is steep (a linearly implicit step;
-//! Hairer and Wanner, Solving Ordinary Differential Equations II, 1996, IV.7).
+//! A law gives the force at a port from its motion, but a simulator accepts a force only before a step and returns
+//! the motion only after it. A stiff law (dry friction, a stop, an added mass) would be unstable if it used the
+//! motion before the step. The velocity after the step is therefore predicted: the acceleration without the port's
+//! force is assumed to be that of the last step, and a unit of force adds the port's measured mobility. The law is
+//! solved for the force that agrees with the velocity in the middle of the step, or at its end where the law is steep
+//! (a linearly implicit step; Hairer and Wanner, Solving Ordinary Differential Equations II, 1996, IV.7).
 
 use plid_simulator::Motion;
 
@@ -15,9 +15,9 @@ use crate::plant::Load;
 /// The response of a port's velocity to a force, and the relation between its displacement and its velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Response {
-    /// Change of the velocity over a step for a unit of force.
+    /// Change of the velocity over a step per unit of force.
     pub mobility: f64,
-    /// Weight of the velocity after a step in the change of the displacement over it: one half for an exact
+    /// Weight of the velocity after a step in the change of the displacement over that step: one half for an exact
     /// integration, one for a symplectic one.
     pub weight: f64,
     /// Length of a step in s.
@@ -29,11 +29,11 @@ pub(super) struct Coupling<'a> {
     response: Response,
     laws: Vec<(&'a dyn Force, Vec<f64>)>,
     load: Load,
-    /// Displacement to which the states of the laws belong, velocity and force of the last step.
+    /// The displacement to which the states of the laws belong, and the velocity and the force of the last step.
     before: Option<(f64, f64, f64)>,
 }
 
-/// Slope of a law, times the mobility, above which it is solved at the end of a step.
+/// Slope of a law times the mobility, above which the law is solved at the end of a step.
 const STEEP: f64 = 0.5;
 
 /// Largest number of halvings of the interval in which the force lies.
@@ -122,8 +122,8 @@ fn solve(f: impl Fn(f64) -> f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Returns the force of dry friction. It is that of sliding, unless this would reverse the motion. In that case it is
-/// the force that stops the port, limited to the friction.
+/// Returns the force of dry friction. It is the sliding force, unless the port is at rest or this force would reverse
+/// its motion. In that case, the force is the one that stops the port, limited to the friction force.
 fn held(law: &dyn Force, state: &[f64], most: f64, d: f64, v: f64, free: f64, mobility: f64) -> f64 {
     let slides = law.force(d, v, state);
     if v != 0.0 && (free + mobility * slides) * v > 0.0 {
@@ -149,8 +149,8 @@ mod tests {
         }
     }
 
-    /// A mass of 1 kg that is pushed by 1 N, with a law at its port, at 1 kHz: its motion after each step. The force is
-    /// held over a step and the motion is exact.
+    /// Returns the motion after each step of a mass of 1 kg with a law at its port, which is pushed by `push` in N,
+    /// at 1 kHz. The force is held over a step, and the motion is exact.
     fn pushed(law: &Law, loads: &[Load], push: f64, steps: usize) -> Vec<Motion> {
         let step = 1e-3;
         let laws = if law.0(1.0, 1.0) == 0.0 { Vec::new() } else { vec![law as &dyn Force] };
@@ -180,7 +180,7 @@ mod tests {
         assert!((motions[99].velocity - 1e-5).abs() < 1e-7, "{:?}", motions[99]);
     }
 
-    /// A spring neither gains nor loses energy to first order: the period and the amplitude after five periods.
+    /// A spring neither gains nor loses energy to first order: the motion agrees with the exact one over six periods.
     #[test]
     fn a_spring_keeps_its_energy() {
         let omega = 40.0_f64;
@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn dry_friction_holds_up_to_its_limit() {
         let law = || Law(|_, v| -2.0 * v.signum(), Some(2.0));
-        // The push is not known in the first step, and what it gains there takes twenty steps to stop.
+        // The push is not known in the first step, and the velocity gained there takes twenty steps to vanish.
         let holds = pushed(&law(), &[], 1.9, 100);
         assert!(holds[30..].iter().all(|motion| motion.velocity.abs() < 1e-12), "{:?}", holds[99]);
         let slides = pushed(&law(), &[], 2.5, 1000)[999].velocity;

@@ -1,8 +1,8 @@
 //! Exchange of one effect of an explanation for another.
 //!
-//! The first effect is the one that explains most alone. If two effects are present, this may be a third one that
-//! imitates a part of both. If a pair leaves much of the gap, each of its effects is therefore removed in turn, and all
-//! others are screened in its place.
+//! The first effect found is the one that explains most on its own. If two effects are present, it may be a third one
+//! that imitates a part of each. If a pair leaves much of the gap, each of its effects is therefore removed in turn,
+//! and all other effects are screened in its place.
 
 use crate::fit::candidate::{in_words, same};
 use crate::fit::problem::Placed;

@@ -14,11 +14,11 @@ use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
 use crate::in_loop::slopes::{Slopes, difference, unit};
 
-/// Step of a difference quotient, in the logarithm of a positive parameter: large compared with the rounding of a
-/// simulator with contacts, small compared with the range over which the laws curve.
+/// Step of a finite difference, in the logarithm of a positive parameter. It is large compared with the rounding
+/// errors of a simulator with contacts, and small compared with the range over which the laws are curved.
 const DIFFERENCE: f64 = 0.01;
 
-/// Longest step of a parameter, in its unit or logarithm. The derivative says little about a value farther away.
+/// Longest step of a parameter, in its unit or logarithm. The derivative says little about values farther away.
 const LONGEST: f64 = 1.5;
 
 /// The damping starts small because starting values are close, and few dampings are tried because each takes a run of
@@ -34,11 +34,11 @@ struct Fitting<'f, 'a, 's> {
 }
 
 impl<'a> Problem<'a> {
-    /// Fits the sizes of effects, and the nuisances within their limits, by damped Gauss-Newton steps on runs of the
-    /// simulator itself. The derivatives are difference quotients at first and then carried along the steps, until no
-    /// step lowers the cost any more; then they are difference quotients again. The derivatives by the nuisances are
-    /// those at the simulator as given. The cost of a run that fails is infinite. A step is begun only if the bounds on
-    /// the runs allow it with all of its dampings.
+    /// Fits the parameters of effects, and the nuisances within their limits, by damped Gauss-Newton steps on runs of
+    /// the simulator itself. The derivatives are finite differences at first and are then updated along the steps,
+    /// until no step lowers the cost any more; then they are computed as finite differences again. The derivatives
+    /// with respect to the nuisances are those of the simulator as given. The cost of a run that fails is infinite. A
+    /// step is begun only if the bounds on the runs allow it with all of its dampings.
     pub fn fit(&self, runs: &mut Runs, mut start: Fit<'a>, steps: usize, gain: f64) -> Fit<'a> {
         start.slopes = None;
         let mut fitting = Fitting { problem: self, runs: Mutex::new(runs), slopes: None };
@@ -49,7 +49,8 @@ impl<'a> Problem<'a> {
             found.point.slopes = None;
             let Ok(again) = minimise(&mut fitting, found.point, DAMPING, stop(left));
             left -= again.steps;
-            // A search that the bounds do not let begin has no equations: those before it belong to the same point.
+            // If the bounds do not allow this search to begin, it has no equations; the previous equations belong to
+            // the same point.
             let equations = if again.steps == 0 { found.equations } else { again.equations };
             found = Minimum { equations, ..again };
         }
@@ -61,9 +62,10 @@ impl<'a> Problem<'a> {
         Fit { covariance: self.covariance(&found.equations, &found.point, spread), ..found.point }
     }
 
-    /// Returns the covariance that an answer states. Noise (p standard deviations) averages out over a record. What an
-    /// explanation leaves beyond it does not: it is the error of a law or of an integrator, as coherent as the trace of
-    /// a parameter. It is assumed to hide a part of its own size in the direction of each parameter.
+    /// Returns the covariance that an answer states. Noise (p standard deviations) averages out over a record. The
+    /// remainder of an explanation beyond the noise does not: it is the error of a law or of an integrator, and it is
+    /// as coherent as the trace of a parameter. The remainder is assumed to hide an error of its own size in the
+    /// direction of each parameter.
     pub fn stated_covariance(&self, runs: &mut Runs, fit: &Fit<'a>, noise: &[f64]) -> Option<DMatrix<f64>> {
         let plain = self.by_noise_alone(noise);
         let at = plain.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());
@@ -80,10 +82,10 @@ impl<'a> Problem<'a> {
         equations
     }
 
-    /// Returns the difference quotients of the outputs by small steps of each parameter of the effects.
+    /// Returns the finite differences of the outputs for small steps of each parameter of the effects.
     fn slopes(&self, runs: &mut Runs, at: &Fit<'a>) -> Slopes {
         let by_one = |simulated: Result<Vec<Channels>, _>| {
-            // A parameter at its bound may not move, or the simulator may fail there: its derivative is zero.
+            // If a parameter at its bound does not move, or if the simulator fails there, the derivative is zero.
             let moved = simulated.unwrap_or_else(|_| at.simulated.clone());
             let mut change = difference(&moved, &at.simulated);
             change.iter_mut().flatten().flatten().for_each(|x| *x /= DIFFERENCE);
@@ -93,7 +95,7 @@ impl<'a> Problem<'a> {
         Slopes { by_parameter }
     }
 
-    /// Returns the derivatives of the whitened outputs, and of the nuisances' prior, by steps of all parameters.
+    /// Returns the derivatives of the whitened outputs, and of the nuisances' prior, with respect to all parameters.
     fn jacobian(&self, at: &Fit<'a>, slopes: &Slopes) -> DMatrix<f64> {
         let (rows, nuisances, count) = (self.rows(), self.nuisances.len(), at.parameters());
         let mut jacobian = DMatrix::zeros(rows + nuisances, count + nuisances);
@@ -109,14 +111,14 @@ impl<'a> Problem<'a> {
         jacobian
     }
 
-    /// Returns effects and nuisances after a small step of each parameter of the effects.
+    /// Returns the effects and nuisances after a small step of each parameter of the effects in turn.
     fn shifted(&self, at: &Fit<'a>) -> Vec<(Vec<Placed<'a>>, Vec<f64>)> {
         let (count, nuisances) = (at.parameters(), self.nuisances.len());
         let unit = |k: usize| DVector::from_fn(count + nuisances, |i, _| if i == k { DIFFERENCE } else { 0.0 });
         (0..count).map(|k| self.moved(at, unit(k).as_slice())).collect()
     }
 
-    /// Returns the number of runs for derivatives and a step with all of its dampings.
+    /// Returns the number of runs that the derivatives and a step with all of its dampings take.
     fn runs_of_step(&self, runs: &Runs, at: &Fit<'a>) -> usize {
         let all = vec![DIFFERENCE; at.parameters() + self.nuisances.len()];
         let step = self.needed(runs, &[self.moved(at, &all)]);
@@ -124,7 +126,8 @@ impl<'a> Problem<'a> {
         derivatives + DAMPING.tries * step
     }
 
-    /// Returns effects and nuisances after a step: in the logarithm of a positive parameter, and in units of any other.
+    /// Returns the effects and nuisances after a step, which is in the logarithm of a positive parameter and in the
+    /// unit of any other.
     fn moved(&self, from: &Fit<'a>, step: &[f64]) -> (Vec<Placed<'a>>, Vec<f64>) {
         let mut effects = from.effects.clone();
         let mut steps = step.iter();
@@ -140,7 +143,7 @@ impl<'a> Problem<'a> {
         (effects, eta)
     }
 
-    /// Returns the covariance of the effects' parameters, in their own units; the residual has this variance.
+    /// Returns the covariance of the effects' parameters, in their own units, for a residual of variance `spread`.
     fn covariance(&self, equations: &Normal, at: &Fit, spread: f64) -> Option<DMatrix<f64>> {
         let count = at.parameters();
         let inverse = equations.covariance()? * spread;

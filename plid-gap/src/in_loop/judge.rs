@@ -19,18 +19,18 @@ pub(super) struct Evidence {
     pub z: f64,
 }
 
-/// Number of groups of frequencies, and of stretches of each record. It is prime, so that the lines of a periodic input
-/// fall into all groups.
+/// Number of groups of frequencies, and of stretches of each record. It is prime, so that the lines of a periodic
+/// input are spread over all groups.
 const GROUPS: usize = 23;
 
-/// Compares two explanations. No explanation of real records is exact, so the residuals of both are more than noise,
-/// and the difference of their sums of squares scatters more than that of two likelihoods. The scatter is therefore
-/// estimated from parts of the records (Vuong, Econometrica 57, 1989). Each value r contributes ln(1 + r^2), a
+/// Compares two explanations. No explanation of real records is exact, so both residuals exceed the noise, and the
+/// difference of their sums of squares scatters more than that of two log likelihoods. The scatter is therefore
+/// estimated from parts of the records (Vuong, Econometrica 57, 1989). Each value r contributes ln(1 + r^2), as in a
 /// likelihood with heavy tails. Otherwise the few values with most of the power would decide alone.
 ///
-/// The parts are groups of frequencies, each spread over the whole band like the teeth of a comb, or stretches of time,
-/// whichever tell the explanations apart. An offset lies at one frequency and at all times, and a delay at all
-/// frequencies.
+/// The parts are groups of frequencies, each spread over the whole band like the teeth of a comb, or stretches of
+/// time, whichever separate the explanations more clearly. An offset affects a single frequency but all times, and a
+/// delay affects all frequencies.
 pub(super) fn evidence(problem: &Problem, better: &Fit, worse: &Fit) -> Evidence {
     let z = over_frequencies(problem, better, worse).max(over_time(problem, better, worse));
     Evidence { difference: worse.cost - better.cost, z }
@@ -100,7 +100,8 @@ pub(super) fn judge<'a>(
 ) -> Judged<'a> {
     let best = &found.fits[0];
     let within = search.left(problem, &found.refit);
-    // A simulator whose error exceeds the output explains less than zeros do, and does not measure what is left.
+    // A simulator whose error exceeds the output explains less than an output of zero does, so its error is no scale
+    // for the remainder.
     let whole = within.min(1.0);
     let left = if whole > 0.0 { (search.left(problem, best) / whole).min(1.0) } else { 0.0 };
     let named = !best.effects.is_empty();
@@ -122,7 +123,7 @@ pub(super) fn judge<'a>(
         }
         let Evidence { difference, z } = evidence(problem, best, fit);
         let price = search.price(problem, fit) - search.price(problem, best);
-        // An explanation that was not accepted ranks behind the best one, whatever its cost.
+        // An explanation that was not accepted ranks behind the best one, regardless of its cost.
         let behind = if at == 0 { 0.0 } else { (difference + price).min(z.max(0.0).powi(2)).max(0.0) };
         let probability = (-0.5 * behind).exp();
         if at > 0 && z < search.settings.clear && !fit.effects.is_empty() && named && is_rival(best, fit) {
@@ -152,8 +153,8 @@ pub(super) fn judge<'a>(
     Judged { weighted, verdict, not_separable }
 }
 
-/// Returns whether an explanation has as many effects as the best one, but another effect or location among them. An
-/// explanation with one more effect contains the best one and is not its rival.
+/// Returns whether an explanation has no more effects than the best one, but a different effect or location among
+/// them. An explanation with one more effect contains the best one and is not its rival.
 fn is_rival(best: &Fit, fit: &Fit) -> bool {
     fit.effects.len() <= best.effects.len()
         && fit.effects.iter().any(|placed| !best.effects.iter().any(|other| same(placed, other)))

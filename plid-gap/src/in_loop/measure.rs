@@ -31,13 +31,13 @@ pub(super) struct Opened<'o, 'a> {
 pub(super) struct Measured {
     /// The held-out records, or the loudest fitted one if nothing is held out.
     pub records: Vec<Record>,
-    /// The simulator as given.
+    /// Outputs of the simulator as given.
     pub given: Vec<Channels>,
-    /// The simulator with the best explanation.
+    /// Outputs of the simulator with the best explanation.
     pub with: Vec<Channels>,
     /// The gaps.
     pub gap: LoopGap,
-    /// For each effect, the share of the squared gap that it closes while the others stay.
+    /// For each effect, the share of the squared gap that it closes in the presence of the others.
     pub shares: Vec<Option<f64>>,
 }
 
@@ -46,7 +46,7 @@ impl<'a> Opened<'_, 'a> {
     pub fn measure(&self, runs: &mut Runs, found: &Found<'a>, judged: &Judged) -> Result<Measured, GapError> {
         let best = &found.fits[0];
         let loud = loudest(&self.problem.records, self.case.config.settings.case.same_level);
-        // The prediction from the fitted records is stated first.
+        // The gap is predicted from the fitted records before any other record is used.
         let stated = gap::expected(&self.problem.records, &best.simulated, loud.level());
         let mut records: Vec<Record> = self.held_out.iter().filter(|record| record.is_driven()).cloned().collect();
         if records.is_empty() {
@@ -82,7 +82,7 @@ impl<'a> Opened<'_, 'a> {
     }
 }
 
-/// Returns the blocks of runs of records.
+/// Returns the blocks of the squared errors of runs, joined over all records.
 pub(super) fn blocks(records: &[Record], y: &[Channels]) -> Option<Blocks> {
     Blocks::joined(records.iter().zip(y).map(|(record, y)| Blocks::new(&record.y, y, 0)).collect())
 }

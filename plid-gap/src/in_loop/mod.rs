@@ -1,11 +1,11 @@
-//! The diagnosis with anybody's simulator in the loop.
+//! The diagnosis with any simulator in the loop.
 //!
-//! A linear simulation is taken apart into modes, and its fits use exact derivatives in thousands of runs. A foreign
-//! simulator can only be run, and a run may take a second. This diagnosis therefore limits the number of runs. Effects
-//! on commands and on measurements wrap around [`plid_simulator::Simulator::run`]; effects at ports act between its
-//! steps; the simulator's own parameters are possible causes, too. Each effect is screened by one run from each of its
-//! starting values, and the best ones are fitted on the simulator itself. The fits are compared by their residuals,
-//! which are whitened by the residual of the best one (docs/your-simulator.md).
+//! A linear simulation is decomposed into modes, and its fits use exact derivatives in thousands of runs. An external
+//! simulator can only be run, and a run may take a second. This diagnosis therefore limits the number of runs.
+//! Effects on commands and on measurements wrap around [`plid_simulator::Simulator::run`]; effects at ports act
+//! between its steps; the simulator's own parameters are possible causes, too. Each effect is screened by one run for
+//! each promising starting value, and the best effects are fitted on the simulator itself. The fits are compared by
+//! their residuals, which are whitened by the residual of the best fit (docs/your-simulator.md).
 
 mod answer;
 mod answered;
@@ -62,34 +62,35 @@ pub struct LoopOutcome {
     pub diagnosis: LoopDiagnosis,
     /// Everything that a prediction needs besides the simulator.
     pub simulation: SimulatorWithEffects,
-    /// The record that the report shows: its name, sample rate and outputs measured, as given and with the effects.
+    /// The contents of the report that the answer does not contain.
     pub shown: Shown,
 }
 
-/// The record that the report shows.
+/// The contents of the report that the answer does not contain: the traces of one record, the screens and the fits.
 pub struct Shown {
-    /// Its name.
+    /// Name of the record.
     pub record: String,
     /// Sample rate in Hz.
     pub rate: f64,
     /// Names of the outputs (p).
     pub outputs: Vec<String>,
-    /// Measured, as given, and with the effects (p channels each).
+    /// The outputs: measured, simulated as given, and simulated with the effects (p channels each).
     pub trace: [Channels; 3],
-    /// For each output, frequencies in Hz with the density of the noise.
+    /// For each output, pairs of a frequency in Hz and the density of the noise there.
     pub noise: Vec<Vec<(f64, f64)>>,
-    /// The best entries of each screen: effect, location, promised share of the gap's square.
+    /// The best entries of each screen: effect, location, and the expected share of the squared gap that the effect
+    /// explains.
     pub screens: Vec<Vec<(String, String, f64)>>,
-    /// All fitted explanations with the share of the output that they leave beyond the noise.
+    /// All fitted explanations, each with the gap that it leaves beyond the noise, relative to the output.
     pub fits: Vec<(String, f64)>,
 }
 
 /// Diagnoses the gap between records and a simulator. If the simulator is linear and has no parameters, its linear
-/// model is diagnosed as a model.json is.
+/// model is diagnosed like a model.json.
 ///
 /// # Errors
-/// [`GapError::Simulator`] if the simulator fails as it is given, or does not fit the case; the errors of an audit of
-/// the records.
+/// [`GapError::Simulator`] if the simulator fails as given; [`GapError::Key`] if it does not match the case;
+/// [`GapError::Record`] if a record does not begin at rest; the errors of an audit of the records.
 pub fn diagnose(
     case: &Case,
     simulator: &mut dyn Simulator,
@@ -105,7 +106,7 @@ pub fn diagnose(
 /// Diagnoses with the simulator itself in the loop, even if it is linear.
 ///
 /// # Errors
-/// As [`diagnose`].
+/// The errors of [`diagnose`].
 pub fn diagnose_in_loop(
     case: &Case,
     simulator: &mut dyn Simulator,
@@ -222,7 +223,7 @@ fn require_rest(case: &Case) -> Result<(), GapError> {
     Err(GapError::Record { record: record.name.clone(), message })
 }
 
-/// Returns the parameters that may be off within a limit.
+/// Returns the parameters that may be wrong within a stated limit.
 fn nuisances<'a>(description: &Description, parameters: &'a [SimulatorParameter]) -> Vec<Nuisance<'a>> {
     let limited = description.parameters.iter().zip(parameters).enumerate();
     limited

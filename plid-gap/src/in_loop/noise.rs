@@ -5,7 +5,7 @@ use crate::case::record::{Channels, Excitation, Record, rms};
 /// Share of the band, at its upper end, whose power counts as noise if the noise is not known otherwise.
 const UPPER: f64 = 0.25;
 
-/// The noise of each output, and how it was found.
+/// The noise of each output, and whether the records show it directly.
 pub(super) struct Noise {
     /// Standard deviation of each output (p).
     pub std: Vec<f64>,
@@ -22,8 +22,8 @@ impl Noise {
     }
 }
 
-/// Estimates the noise: from records without input, and from the differences between periods; otherwise from the
-/// highest frequencies of the gap, which are an upper bound.
+/// Estimates the noise from records without input and from the differences between periods, or otherwise from the
+/// highest frequencies of the gap, which give an upper bound.
 pub(super) fn estimate(records: &[Record], given: &[Channels]) -> Noise {
     let errors: Vec<Channels> = records.iter().zip(given).map(|(record, y)| record.error(y)).collect();
     let p = records.first().map_or(0, |record| record.y.len());

@@ -1,4 +1,4 @@
-//! From a judged search to the answer.
+//! The construction of the answer from a judged search.
 
 use crate::answer::range::FittedRange;
 use crate::answer::schema::{Located, Remainder, RemainderPlace, Used, Where};
@@ -24,7 +24,7 @@ use crate::judge::locate;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::noise::NoiseModel;
 
-/// Number of entries of a screen that are shown.
+/// Largest number of entries of a screen that are shown.
 const SHOWN_ENTRIES: usize = 8;
 
 /// The results of a diagnosis, from which the answer is written.
@@ -42,7 +42,7 @@ pub(super) struct Told<'t, 's, 'a> {
 }
 
 impl<'a> Opened<'_, 'a> {
-    /// Writes the answer.
+    /// Builds the answer.
     pub fn outcome(
         &self,
         told: &Told<'_, '_, 'a>,
@@ -91,7 +91,7 @@ impl<'a> Opened<'_, 'a> {
         LoopOutcome { diagnosis, simulation, shown: self.shown(told, measured) }
     }
 
-    /// Returns where the errors of runs lie.
+    /// Returns the location of the errors of runs.
     fn whereabouts(&self, told: &Told, measured: &Measured, y: &[Channels]) -> Where {
         let Self { case, problem, noise, .. } = self;
         let plant = &problem.setting.plant;
@@ -129,7 +129,7 @@ impl<'a> Opened<'_, 'a> {
         let Self { problem, .. } = self;
         let (found, names) = (told.found, &problem.setting.names);
         let fits = found.fits.iter().map(|fit| (in_words(&fit.effects, names), told.search.left(problem, fit)));
-        // White noise, with one side of the spectrum.
+        // The one-sided spectrum of white noise.
         let rate = problem.setting.plant.rate;
         let white = |std: &f64| {
             let density = 2.0 * std * std / rate;
@@ -146,8 +146,8 @@ impl<'a> Opened<'_, 'a> {
         }
     }
 
-    /// Returns what a prediction uses. If the simulator has ports, it is run once more on each fitted record, for the
-    /// range of their motion.
+    /// Returns the data that a prediction uses. If the simulator has ports, it is run once more on each fitted
+    /// record, to obtain the range of their motion.
     pub fn simulation(
         &self,
         runs: &mut Runs,
@@ -156,7 +156,8 @@ impl<'a> Opened<'_, 'a> {
         ports: Vec<WrittenPort>,
         gap: &LoopGap,
     ) -> Result<SimulatorWithEffects, GapError> {
-        // The limits are the case's, and no part of the simulator that a prediction runs.
+        // This description does not contain the limits of the case, which are not part of the simulator that a
+        // prediction runs.
         let description = runs.description().clone();
         let Self { case, problem, noise, .. } = self;
         let fit = if judged.verdict == Verdict::Effects { &found.fits[0] } else { &found.refit };

@@ -1,8 +1,8 @@
 //! Pairs of effects that explain the gap together.
 //!
-//! The effect that explains most alone need not be one of two that are present: it may imitate a part of both. The
-//! first screen has a trace of each effect, and these show without a run how much of the gap any two of them explain
-//! together. The best pairs are then run and fitted.
+//! The effect that explains most on its own need not be one of the two that are present: it may imitate a part of
+//! each. The first screen gives a trace of each effect. From the traces it follows, without a run, how much of the
+//! gap any two effects explain together. The best pairs are then run and fitted.
 
 use std::collections::HashSet;
 
@@ -17,7 +17,7 @@ use crate::in_loop::search::{Found, Search};
 struct Pair {
     /// Their indices.
     of: [usize; 2],
-    /// The factors by which their traces explain most together.
+    /// The factors on their traces that together explain most of the gap.
     factors: [f64; 2],
     /// Expected decrease of the sum of squares, less the price of the parameters.
     gain: f64,
@@ -27,15 +27,15 @@ struct Pair {
 pub(super) struct Paired<'a> {
     /// The effects of each pair, the best first.
     pub pairs: Vec<Vec<Placed<'a>>>,
-    /// The one of the best pair that explains more alone.
+    /// The effect of the best pair that explains more on its own.
     pub stronger: Placed<'a>,
-    /// The other entries of the first screen in the presence of the stronger one, the best first.
+    /// The entries of the first screen that form a pair with the stronger effect, the best first.
     pub entries: Vec<Entry<'a>>,
 }
 
 impl<'a> Search<'_, 'a> {
-    /// Returns the best pairs of effects of the first screen, unless the best one leaves a doubtful gap on the head of
-    /// that screen.
+    /// Returns the best pairs of effects of the first screen, or `None` if even the best one leaves a doubtful gap on
+    /// the first samples of the record of that screen.
     pub(super) fn paired(
         &self,
         problem: &Problem<'a>,
@@ -71,7 +71,7 @@ impl<'a> Search<'_, 'a> {
         Some(Paired { pairs: fits.into_iter().map(|fit| fit.effects).collect(), stronger, entries })
     }
 
-    /// Runs a pair in three sizes and returns the best explanation.
+    /// Runs a pair at three sizes and returns the best explanation.
     fn sized_pair(
         &self,
         quick: &Problem<'a>,
@@ -91,14 +91,15 @@ impl<'a> Search<'_, 'a> {
 }
 
 impl Pair {
-    /// Returns the other entry of a pair that contains an effect at a location.
+    /// Returns the other entry of the pair, if the pair contains this effect at its location.
     fn beside<'a>(&self, effect: &Placed, entries: &[Entry<'a>]) -> Option<Entry<'a>> {
         let at = self.of.iter().position(|k| same(&entries[*k].placed, effect))?;
         Some(Entry { gain: self.gain, factor: self.factors[1 - at], ..entries[self.of[1 - at]].clone() })
     }
 }
 
-/// Returns all pairs of entries, those that explain most of the residual first; each two effects at two places once.
+/// Returns all pairs of entries, those that explain most of the residual first. Each pair of effects at their places
+/// occurs only once.
 fn pairs(quick: &Problem, start: &Fit, entries: &[Entry]) -> Vec<Pair> {
     let residual = quick.beyond_limits(&start.residual[..quick.rows()]);
     let traces: Vec<Vec<f64>> = entries.iter().map(|entry| quick.beyond_limits(&quick.whiten(&entry.change))).collect();
@@ -120,7 +121,7 @@ fn pairs(quick: &Problem, start: &Fit, entries: &[Entry]) -> Vec<Pair> {
         }
     }
     all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    // The first entry of each effect at its place stands for all of its starting values.
+    // The first entry of each effect at its place represents all of its starting values.
     let first = |k: usize| entries.iter().position(|other| same(&other.placed, &entries[k].placed));
     let firsts: Vec<Option<usize>> = (0..entries.len()).map(first).collect();
     let mut seen = HashSet::new();
@@ -143,7 +144,8 @@ fn bounds(entry: &Entry, quick: &Problem) -> [f64; 2] {
 }
 
 /// Returns the factors on two traces within their bounds that explain most of a residual, and the decrease of its sum
-/// of squares. `square` has the squares of the traces, `product` their product, `right` those with the residual.
+/// of squares. `square` contains the squared norms of the traces, `product` their inner product, and `right` their
+/// inner products with the residual.
 fn together(square: [f64; 2], product: f64, right: [f64; 2], bounds: [[f64; 2]; 2]) -> ([f64; 2], f64) {
     let gain = |x: [f64; 2]| {
         let quadratic = square[0] * x[0] * x[0] + square[1] * x[1] * x[1] + 2.0 * product * x[0] * x[1];
@@ -158,7 +160,7 @@ fn together(square: [f64; 2], product: f64, right: [f64; 2], bounds: [[f64; 2]; 
     if inside(0) && inside(1) {
         return (free, gain(free));
     }
-    // The gain is concave, so the best point lies on an edge.
+    // The gain is concave, so the best point otherwise lies on an edge.
     let mut best = ([0.0; 2], f64::NEG_INFINITY);
     for fixed in 0..2 {
         for bound in bounds[fixed].into_iter().filter(|bound| bound.is_finite()) {
@@ -177,7 +179,7 @@ fn together(square: [f64; 2], product: f64, right: [f64; 2], bounds: [[f64; 2]; 
 mod tests {
     use super::*;
 
-    /// A grid of factors finds no better point, whether the bounds hold or not.
+    /// A grid of factors contains no better point, whether or not the bounds are active.
     #[test]
     fn two_traces_explain_most_at_the_best_point_within_the_bounds() {
         let free = [f64::NEG_INFINITY, f64::INFINITY];
@@ -205,13 +207,13 @@ mod tests {
         }
     }
 
-    /// Two traces that are the same explain no more than one of them.
+    /// Two identical traces explain no more than one of them.
     #[test]
     fn traces_that_are_the_same_are_no_pair() {
         let free = [f64::NEG_INFINITY, f64::INFINITY];
         let none = [0.0, f64::INFINITY];
         assert_eq!(together([2.0, 2.0], 2.0, [3.0, 3.0], [none, none]).1, 4.5);
-        // Without a bound there is no best point.
+        // Without a bound, there is no unique best point.
         assert_eq!(together([2.0, 2.0], 2.0, [3.0, 3.0], [free, free]).1, f64::NEG_INFINITY);
     }
 }

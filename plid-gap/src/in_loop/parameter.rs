@@ -1,4 +1,4 @@
-//! A wrong parameter of the engineer's own simulator as a cause.
+//! A wrong parameter of the engineer's own simulator as a cause of the gap.
 
 use plid_simulator::Parameter as Given;
 
@@ -7,13 +7,14 @@ use crate::effects::{Action, Change, Effect, Parameter, Place, Range, Setting, S
 /// Name of the effect in an answer.
 pub(super) const NAME: &str = "simulator-parameter";
 
-/// Factors on a parameter from which fits start. A fit from three times its value also finds ten times its value.
+/// Factors on the value of a parameter from which fits start. A fit that starts at three times the value also finds
+/// ten times the value.
 const FACTORS: [f64; 3] = [0.6, 1.5, 3.0];
 
-/// Starting values for a parameter that is zero, relative to its upper bound or, without one, to one.
+/// Starting values for a parameter that is zero, relative to its upper bound, or to one if it has no upper bound.
 const FROM_ZERO: [f64; 3] = [0.003, 0.03, 0.3];
 
-/// The effect that a parameter has another value than the simulator states.
+/// The effect of a parameter whose value differs from the one that the simulator states.
 pub(super) struct SimulatorParameter {
     number: usize,
     given: Given,
@@ -25,7 +26,7 @@ impl SimulatorParameter {
         parameters.iter().enumerate().map(|(number, given)| Self { number, given: given.clone() }).collect()
     }
 
-    /// Steps in the logarithm need a positive number that may not become negative.
+    /// Returns whether the value is positive. Fits then take steps in its logarithm, and it cannot become negative.
     fn is_positive(&self) -> bool {
         self.given.value > 0.0
     }

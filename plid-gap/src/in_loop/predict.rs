@@ -73,12 +73,13 @@ impl LoopPredictor {
         Ok(Self { setting, responses, written })
     }
 
-    /// Predicts the outputs (p channels) for inputs (m channels), from rest, from time `t0` on. An input beyond the
-    /// fitted range takes a second run, without the effects, because the expected gap depends on their correction.
+    /// Predicts the outputs (p channels) for inputs (m channels), from rest at time `t0`. An input or a motion beyond
+    /// the fitted range takes a second run without the effects, because the expected gap depends on the correction by
+    /// the effects.
     ///
     /// # Errors
-    /// [`GapError::Simulator`] if the simulator fails or is another one; [`GapError::Failed`] if the library lacks an
-    /// effect.
+    /// [`GapError::Simulator`] if the simulator fails; [`GapError::Failed`] if it is a different simulator or if the
+    /// library lacks an effect.
     pub fn predict(
         &self,
         simulator: &mut dyn Simulator,
@@ -111,8 +112,8 @@ impl LoopPredictor {
     }
 
     /// Returns the relative gap that a prediction is expected to have, as
-    /// [`Predictor::expected_gap`](crate::answer::predict::Predictor::expected_gap) does. A file of a former version
-    /// does not state the fitted range: its expected gap does not depend on the input.
+    /// [`Predictor::expected_gap`](crate::answer::predict::Predictor::expected_gap) does. A file of an earlier
+    /// version does not state the fitted range, so its expected gap does not depend on the input.
     pub fn expected_gap(&self, prediction: &Prediction) -> Option<f64> {
         let SimulatorWithEffects { fitted, noise_rms, .. } = &self.written;
         match fitted {

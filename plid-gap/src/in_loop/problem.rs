@@ -13,7 +13,8 @@ use crate::noise::NoiseModel;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 
-/// A parameter of the simulator with an expected error, which is not a cause.
+/// A parameter of the simulator that may be wrong within a stated limit. Such an error is expected and is not a
+/// cause.
 #[derive(Clone)]
 pub(super) struct Nuisance<'a> {
     /// The parameter as an effect.
@@ -24,9 +25,9 @@ pub(super) struct Nuisance<'a> {
     pub value: f64,
     /// Standard deviation of its error: half the limit.
     pub std: f64,
-    /// Change of the outputs of each record by one standard deviation.
+    /// Change of the outputs of each record if the parameter moves by one standard deviation.
     pub change: Vec<Channels>,
-    /// `change`, whitened.
+    /// The whitened `change`.
     pub trace: Vec<f64>,
 }
 
@@ -34,11 +35,11 @@ pub(super) struct Nuisance<'a> {
 pub(super) struct Problem<'a> {
     /// The fitted records.
     pub records: Vec<Record>,
-    /// The sizes, channels and ports as effects see them.
+    /// The sizes of the signals, the channels and the ports, as the effects see them.
     pub setting: Setting,
-    /// The spectra of the noise and, once there is a best explanation, of its error.
+    /// The spectra of the noise and, once there is a best explanation, of the error of that explanation.
     pub noise: NoiseModel,
-    /// The parameters with an expected error.
+    /// The parameters that may be wrong within their limits.
     pub nuisances: Vec<Nuisance<'a>>,
     whiteners: Vec<Whitener>,
 }
@@ -48,22 +49,22 @@ pub(super) struct Problem<'a> {
 pub(super) struct Fit<'a> {
     /// Its effects.
     pub effects: Vec<Placed<'a>>,
-    /// Values of the nuisances, in their standard deviations.
+    /// Values of the nuisance parameters, in units of their standard deviations.
     pub eta: Vec<f64>,
-    /// Outputs of each record.
+    /// Simulated outputs of each record.
     pub simulated: Vec<Channels>,
     /// Whitened residual of all records, followed by that of the nuisances' prior.
     pub residual: Vec<f64>,
-    /// Sum of its squares.
+    /// Sum of squares of the residual.
     pub cost: f64,
     /// Covariance of the effects' parameters, if they were fitted and the records determine them.
     pub covariance: Option<DMatrix<f64>>,
-    /// Derivatives of the outputs here, if an earlier step gave them.
+    /// Derivatives of the outputs at this point, if an earlier step provided them.
     pub slopes: Option<Slopes>,
 }
 
 impl<'a> Fit<'a> {
-    /// Returns the explanation with the weights that the problem now has.
+    /// Returns the explanation with the current weights of the problem.
     pub fn weighted_anew(&self, problem: &Problem<'a>) -> Self {
         let again = problem.as_is(self.effects.clone(), self.eta.clone(), self.simulated.clone());
         Self { covariance: self.covariance.clone(), ..again }
@@ -75,12 +76,13 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// Share of the gap as given that is treated as an error of the simulator from the start, because the first fits need
-/// not be more accurate than that.
+/// Share of the gap as given that is treated as simulator error from the start, because the first fits need not be
+/// more accurate than that.
 const FIRST_DISCREPANCY: f64 = 0.1;
 
 impl<'a> Problem<'a> {
-    /// Weights records by their noise (p standard deviations) and a share of the gap as given.
+    /// Creates a problem whose records are weighted by their noise (p standard deviations) and a share of the gap as
+    /// given.
     pub fn new(
         records: Vec<Record>,
         given: &[Channels],
@@ -95,8 +97,9 @@ impl<'a> Problem<'a> {
         problem
     }
 
-    /// Weights the records by white noise: that of the outputs (p standard deviations), and a share of the gap of these
-    /// runs. A residual still contains the effects that are searched for, so its spectrum would excuse them.
+    /// Weights the records by white noise: that of the outputs (p standard deviations), and a share of the gap of
+    /// these runs. The spectrum of the residual is not used, because the residual still contains the effects that are
+    /// searched for, and its spectrum would conceal them.
     pub fn weigh_for_search(&mut self, noise: &[f64], simulated: &[Channels]) {
         let gap = |o: usize| {
             let errors = self.records.iter().zip(simulated).flat_map(|(record, y)| record.error(y)[o].clone());
@@ -115,7 +118,7 @@ impl<'a> Problem<'a> {
         self.noise.band_hz = band_hz;
     }
 
-    /// Weights the records by the noise and the residual of an explanation beyond it.
+    /// Weights the records by the noise and by the residual of an explanation in excess of the noise.
     pub fn weigh_by(&mut self, noise: &[f64], fit: &Fit) {
         let rate = self.setting.plant.rate;
         self.be_white(noise);
@@ -164,7 +167,7 @@ impl<'a> Problem<'a> {
         head
     }
 
-    /// Returns an explanation on the first samples of one record.
+    /// Returns an explanation restricted to the first samples of one record.
     pub fn on_head(&self, fit: &Fit<'a>, record: usize) -> Fit<'a> {
         let samples = self.records[0].samples();
         let y = fit.simulated[record].iter().map(|y| y[..samples].to_vec()).collect();
@@ -182,7 +185,7 @@ impl<'a> Problem<'a> {
         self.whiten(&errors)
     }
 
-    /// Returns whitened channels of all records.
+    /// Returns the whitened channels of all records.
     pub fn whiten(&self, channels: &[Channels]) -> Vec<f64> {
         let mut to = vec![0.0; self.rows()];
         let mut at = 0;
@@ -205,12 +208,12 @@ impl<'a> Problem<'a> {
         effects.iter().cloned().chain(moved).collect()
     }
 
-    /// Returns whether one of the effects is a nuisance's own parameter, which is then a cause.
+    /// Returns whether one of the effects is the parameter of this nuisance, which is then a cause.
     pub fn is_replaced(&self, nuisance: &Nuisance, effects: &[Placed]) -> bool {
         effects.iter().any(|placed| placed.place == nuisance.place)
     }
 
-    /// Simulates the records with effects and nuisances.
+    /// Simulates the records with these effects and nuisances.
     pub fn simulate(
         &self,
         runs: &mut Runs,
@@ -220,7 +223,8 @@ impl<'a> Problem<'a> {
         self.simulate_all(runs, &[(effects.to_vec(), eta.to_vec())]).remove(0)
     }
 
-    /// Simulates the records with each of several effects and nuisances, side by side where the simulator allows it.
+    /// Simulates the records with each of several sets of effects and nuisances, in parallel if the simulator allows
+    /// it.
     pub fn simulate_all(
         &self,
         runs: &mut Runs,
@@ -241,8 +245,8 @@ impl<'a> Problem<'a> {
         runs.needed(&self.setting, &asked)
     }
 
-    /// Returns whether the bounds allow simulations with these effects and nuisances. If not, `what` is noted as left
-    /// out.
+    /// Returns whether the bounds allow simulations with these effects and nuisances. If they do not, `what` is
+    /// recorded as left out.
     pub fn may_simulate(
         &self,
         runs: &mut Runs,
@@ -258,7 +262,7 @@ impl<'a> Problem<'a> {
         self.records.iter().map(Record::samples).max().unwrap_or(0)
     }
 
-    /// Returns an explanation without a fit.
+    /// Returns an explanation as simulated, without a fit.
     pub fn as_is(&self, effects: Vec<Placed<'a>>, eta: Vec<f64>, simulated: Vec<Channels>) -> Fit<'a> {
         let mut residual = self.whitened(&simulated);
         residual.extend(eta.iter().map(|eta| -eta));
@@ -266,7 +270,7 @@ impl<'a> Problem<'a> {
         Fit { effects, eta, simulated, residual, cost, covariance: None, slopes: None }
     }
 
-    /// Measures the change of the outputs by each nuisance at the simulator as given.
+    /// Measures the change of the outputs that each nuisance causes in the simulator as given.
     pub fn measure_nuisances(&mut self, runs: &mut Runs, given: &[Channels]) -> Result<(), SimulatorError> {
         let count = self.nuisances.len();
         let unit = |at: usize| (Vec::new(), (0..count).map(|k| if k == at { 1.0 } else { 0.0 }).collect());

@@ -1,9 +1,9 @@
-//! The linear model of a simulator that is linear, realised from its impulse responses.
+//! The linear model of a linear simulator, realised from its impulse responses.
 //!
 //! The responses to one pulse at each input and at each port fill a Hankel matrix, whose rank is the number of states
-//! (Ho & Kalman, *Regelungstechnik* 14, 1966; Juang & Pappa, *J. Guidance* 8, 1985). They are free of noise, so the
-//! rank is clear. The model is accepted only if it reproduces the simulator in the loudest record with forces at all
-//! ports, which is also the test of linearity.
+//! (Ho & Kalman, *Regelungstechnik* 14, 1966; Juang & Pappa, *J. Guidance* 8, 1985). The responses are free of noise,
+//! so the rank is clear. The model is accepted only if it reproduces the simulator in the loudest record with forces
+//! at all ports, which is also the test of linearity.
 
 use nalgebra::{DMatrix, DVector};
 use plid_model::{Continuous, Model, Port, stability};
@@ -28,10 +28,12 @@ const CLOSE: f64 = 1e-10;
 /// Largest ratio of a singular value that may count as zero to the first one.
 const ZERO: f64 = 1e-6;
 
-/// Largest difference between twice the response and the response to twice the input, relative to it.
+/// Largest difference between the response to a pulse and minus twice the response to minus half the pulse, relative
+/// to the former.
 const PROPORTIONAL: f64 = 1e-9;
 
-/// Force at a port in the comparison: the velocity after a pulse over the RMS of the velocity in the record.
+/// Size of the force at a port in the comparison: the peak velocity after a pulse of this force, relative to the RMS
+/// of the velocity in the record.
 const PUSHED: f64 = 0.3;
 
 /// The linear model of a simulator, and its difference from the simulator.
@@ -42,7 +44,8 @@ pub(super) struct Realised {
     pub error: f64,
 }
 
-/// The signals of a simulator at the samples: the outputs (p), then displacement and velocity of each port (2 q).
+/// A simulator whose signals are taken at the samples: the outputs (p), then displacement and velocity of each port
+/// (2 q).
 struct Probe<'a, 's> {
     simulator: &'a mut Checked<'s>,
     inputs: usize,
@@ -76,7 +79,7 @@ impl Probe<'_, '_> {
         Ok(seen)
     }
 
-    /// Responds to a pulse of one sample at an input or, counted after them, at a port.
+    /// Returns the response to a pulse of one sample at an input or at a port. Ports are counted after the inputs.
     fn pulse(&mut self, at: usize, size: f64, samples: usize) -> Result<Channels, SimulatorError> {
         let mut driven = vec![vec![0.0; samples]; self.inputs + self.ports];
         if let Some(first) = driven.get_mut(at).and_then(|channel| channel.first_mut()) {
@@ -87,8 +90,8 @@ impl Probe<'_, '_> {
     }
 }
 
-/// Returns the linear model of a simulator, or `None` if it is not linear, not stable, or too large for this. `u` are
-/// the inputs of the loudest record.
+/// Returns the linear model of a simulator, or `None` if it is not linear, not stable, or too large for this method.
+/// `u` contains the inputs of the loudest record.
 pub(super) fn realise(simulator: &mut Checked<'_>, u: &[Vec<f64>]) -> Result<Option<Realised>, SimulatorError> {
     let description = simulator.description().clone();
     let (inputs, ports) = (description.inputs.len(), description.ports.len());
@@ -158,7 +161,7 @@ impl Trial {
                 let velocity = first + 2 * port + 1;
                 let pulse = responses[inputs + port][velocity].iter().fold(0.0, |peak: f64, v| peak.max(v.abs()));
                 let size = if pulse > 0.0 { PUSHED * rms(&seen[velocity]) / pulse } else { 0.0 };
-                // Signs without order, and others at each port.
+                // The signs are irregular and differ between the ports.
                 let sign = |k: usize| if ((k + 1) * (2 * port + 40_503)) & 0x400 == 0 { 1.0 } else { -1.0 };
                 *force = (0..samples).map(|k| size * sign(k)).collect();
             }
@@ -168,7 +171,7 @@ impl Trial {
         Ok(Self { driven: (0..samples).map(at).collect(), seen })
     }
 
-    /// Returns the largest difference of a model, over the RMS of each channel.
+    /// Returns the largest difference between a model and the simulator, over the RMS of each channel.
     fn difference(&self, model: &Matrices) -> f64 {
         let mut x = DVector::zeros(model.a.nrows());
         let mut apart = vec![0.0; self.seen.len()];
@@ -235,7 +238,8 @@ impl Matrices {
         })
     }
 
-    /// Returns the model with channels and ports; `None` if it is unstable, or if a port has no continuous form.
+    /// Returns the model with channels and ports; `None` if it is unstable, or if it has ports but no continuous
+    /// form.
     fn model(&self, description: &Description) -> Option<Model> {
         let (n, m, p) = (self.a.nrows(), description.inputs.len(), description.outputs.len());
         let own =
@@ -302,7 +306,7 @@ mod tests {
         realise(&mut checked, &inputs(samples)[..m]).unwrap()
     }
 
-    /// The poles, shapes and the products of input and output of each mode survive a simulator that only takes steps.
+    /// The poles, and the product of input and output shapes of each mode, survive a simulator that only takes steps.
     #[test]
     fn a_linear_simulator_gives_its_model_back() {
         let model = truss(1);
@@ -326,7 +330,8 @@ mod tests {
         model = continuous;
         let n = model.n();
         let a = model.continuous.clone().unwrap().a;
-        // A force as of the first input, and motions that belong together: v = d' = row A.
+        // A force with the shape of the first input, and a velocity that is the derivative of the displacement: its
+        // row is that of the displacement times A.
         let row = nalgebra::RowDVector::from_fn(n, |_, j| model.c[(0, j)]);
         let rate = &row * &a;
         model.ports = vec![Port {
@@ -370,7 +375,7 @@ mod tests {
         })
     }
 
-    /// A saturation beyond the size of the pulse's half, an offset, and a pole outside the unit circle.
+    /// Simulators with a saturation, a weak quadratic term, an offset or a pole outside the unit circle are rejected.
     #[test]
     fn what_is_not_linear_stays_in_the_loop() {
         let slow = of(&mut function(|x, u| 0.99 * x + 0.01 * u)).unwrap();

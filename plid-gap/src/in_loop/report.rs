@@ -12,10 +12,10 @@ use crate::judge::verdict::Verdict;
 use crate::report::traces::{Traces, spectra, window};
 use crate::report::write_answer;
 
-/// Writes diagnosis.json, sim-with-effect.json and report.html into a folder, whole or not at all.
+/// Writes diagnosis.json, sim-with-effect.json and report.html into a folder, either all three or none.
 ///
 /// # Errors
-/// [`GapError::NotFinite`] with file and key, before anything is written; [`GapError::Io`] with the file.
+/// [`GapError::NotFinite`] with the file and the key, before anything is written; [`GapError::Io`] with the file.
 pub fn write(outcome: &LoopOutcome, case: &Case, directory: &Path) -> Result<(), GapError> {
     write_answer(&outcome.diagnosis, &outcome.simulation, || page(outcome, case), directory)
 }

@@ -12,10 +12,10 @@ use crate::in_loop::bounds::{Bounds, Cut, Spent};
 use crate::in_loop::coupling::{Coupling, Response};
 use crate::plant::Load;
 
-/// Number of latest runs that are kept for reuse.
+/// Largest number of runs that are kept for reuse.
 const REMEMBERED: usize = 256;
 
-/// The simulator, with the known facts about its ports and its latest runs.
+/// The simulator, with the responses of its ports and the runs that are kept for reuse.
 pub(super) struct Runs<'s> {
     simulator: Checked<'s>,
     responses: Vec<Response>,
@@ -26,12 +26,12 @@ pub(super) struct Runs<'s> {
     cut: Option<Cut>,
 }
 
-/// A simulator that stays at rest without inputs: its outputs there (p).
+/// The outputs (p) of a simulator that stays at rest without inputs.
 struct Rest {
     outputs: Vec<f64>,
 }
 
-/// A run without the effects of the sensors.
+/// A run before the effects of the sensors.
 struct Remembered {
     record: String,
     samples: usize,
@@ -55,7 +55,7 @@ impl AtPorts<'_> {
         self.laws.is_empty() && self.loads.is_empty() && self.pushes.is_empty()
     }
 
-    /// Returns the laws and loads at each port at which there are any.
+    /// Returns the laws and loads at each port that has any.
     fn couplings(&self, responses: &[Response]) -> Vec<(Coupling<'_>, usize)> {
         let acts = |port: &usize| self.laws.iter().any(|(p, _)| p == port) || self.loads.iter().any(|(p, _)| p == port);
         let one = |port: usize| {
@@ -110,7 +110,8 @@ struct Prepared<'p> {
 }
 
 impl Prepared<'_> {
-    /// Runs as a whole, or step by step if something acts within a sample or at a port.
+    /// Runs the simulator as a whole, or step by step if a command changes within a sample or something acts at a
+    /// port.
     fn run(&self, instance: &mut Instance, steps: usize, responses: &[Response]) -> Result<Channels, Failure> {
         if self.at.is_empty() && (self.drive.parts == 1 || steps < 2) {
             return instance.run(&self.values, &regrouped(&self.drive, 1));
@@ -118,7 +119,7 @@ impl Prepared<'_> {
         instance.run_with(&self.values, &regrouped(&self.drive, steps), self.forces(steps, responses))
     }
 
-    /// Returns what computes the forces at the ports before each step.
+    /// Returns the function that computes the forces at the ports before each step.
     fn forces(&self, steps: usize, responses: &[Response]) -> impl FnMut(usize, &[Motion], &mut [f64]) {
         let mut couplings = self.at.couplings(responses);
         let rate = self.drive.rate * steps as f64;
@@ -135,7 +136,7 @@ impl Prepared<'_> {
     }
 }
 
-/// Where the outputs of a run come from.
+/// The source of the outputs of a run.
 enum Source {
     Known(Channels),
     /// A run that is carried out, with its index.
@@ -159,7 +160,7 @@ impl<'s> Runs<'s> {
         Self { simulator, responses, remembered: Vec::new(), rest: None, bounds: Bounds::NONE, spent, cut: None }
     }
 
-    /// Sets the bounds of a search. They bind [`Runs::may`]; a run is never refused.
+    /// Sets the bounds of a search. Only [`Runs::may`] observes them; a run itself is never refused.
     pub fn bind(&mut self, bounds: Bounds) {
         self.bounds = bounds;
     }
@@ -179,8 +180,8 @@ impl<'s> Runs<'s> {
         self.cut.as_ref()
     }
 
-    /// Returns whether this number of further runs, of so many samples each, is within the bounds. If not, `what` is
-    /// noted as left out.
+    /// Returns whether `needed` further runs, of `samples` samples each, are within the bounds. If they are not,
+    /// `what` is recorded as left out.
     pub fn may(&mut self, needed: usize, samples: usize, what: impl FnOnce() -> String) -> bool {
         let (left, by) = self.bounds.left(self.spent, samples);
         if needed > left {
@@ -189,7 +190,7 @@ impl<'s> Runs<'s> {
         needed <= left
     }
 
-    /// Notes what is left out because of a bound.
+    /// Records what is left out because of a bound.
     pub fn leave_out(&mut self, by: Bound, what: String) {
         let cut = self.cut.get_or_insert_with(|| Cut { by, what: Vec::new() });
         if !cut.what.contains(&what) {
@@ -197,9 +198,9 @@ impl<'s> Runs<'s> {
         }
     }
 
-    /// Determines from a run without effects whether the simulator stays at rest, that is, whether neither an input nor
-    /// an output changed. Such a run is not repeated with effects that do nothing at rest. `start` is the motion of the
-    /// ports at rest.
+    /// Determines from a run without effects whether the simulator stays at rest: all inputs are zero, no output
+    /// changes, and the ports start at zero displacement and velocity. Such a run is not repeated with effects that
+    /// do nothing at rest. `start` is the motion of the ports at the start.
     pub fn learn_rest(&mut self, record: &Record, y: &[Vec<f64>], start: &[Motion]) {
         let still = |y: &Vec<f64>| y.iter().all(|value| *value == y[0]);
         let moved = record.u.iter().flatten().any(|u| *u != 0.0);
@@ -281,7 +282,8 @@ impl<'s> Runs<'s> {
     }
 
     /// Returns the outputs (p channels) for the inputs of a record, with effects, and the motions of the ports before
-    /// each step. `added` is added to the inputs and, after them, to the forces at the ports (m + q channels).
+    /// each step. `added` contains the signals that are added to the inputs, followed by those that are added to the
+    /// forces at the ports (m + q channels).
     ///
     /// # Errors
     /// [`SimulatorError`] if the simulator fails.
@@ -317,8 +319,8 @@ impl<'s> Runs<'s> {
         self.prepared(&Acting::new(setting, effects), record, setting.plant.rate).drive
     }
 
-    /// Carries out a run step by step. `see` gets the number of the step, the motions before it and the forces of the
-    /// effects, to which it may add.
+    /// Carries out a run step by step. `see` receives the number of the step, the motions before it and the forces of
+    /// the effects, to which it may add.
     fn stepped(
         &mut self,
         prepared: &Prepared,
@@ -336,8 +338,8 @@ impl<'s> Runs<'s> {
         Ok(y)
     }
 
-    /// Returns the outputs of several runs, each of a record with effects. They go side by side if the simulator has
-    /// instances; the answers do not depend on that.
+    /// Returns the outputs of several runs, each of a record with effects. The runs are carried out in parallel if
+    /// the simulator has several instances; the results do not depend on this.
     pub fn simulate_all(
         &mut self,
         setting: &Setting,
@@ -397,7 +399,7 @@ impl<'s> Runs<'s> {
         (0..asked.len()).filter(takes_one).count()
     }
 
-    /// Returns the outputs of an earlier run that is the same before the sensors.
+    /// Returns the outputs of an earlier run that is identical up to the sensors, if there is one.
     fn known(&self, acting: &Acting, record: &Record) -> Option<Channels> {
         let same = |known: &&Remembered| {
             known.record == record.name && known.samples == record.samples() && known.effects == acting.inside
@@ -445,7 +447,7 @@ impl<'s> Runs<'s> {
         self.spent = Spent { runs: self.simulator.calls().runs, seconds: before + seconds, timed };
     }
 
-    /// Runs step by step with these forces, and returns outputs and the motions after each step.
+    /// Runs the simulator step by step with these forces, and returns the outputs and the motions before each step.
     pub fn watched(
         simulator: &mut Checked<'_>,
         u: &[Vec<f64>],
@@ -467,7 +469,7 @@ fn written(placed: &Placed, setting: &Setting) -> Written {
     (placed.effect.name().into(), placed.place.location(&setting.names), placed.parameters.clone())
 }
 
-/// Returns the command with another number of values in a sample. Values are averaged or repeated.
+/// Returns the command with a different number of values per sample. Values are averaged or repeated.
 pub(super) fn regrouped(drive: &Drive, values: usize) -> Channels {
     let one = |u: &Vec<f64>| -> Vec<f64> {
         let samples = u.len() / drive.parts;

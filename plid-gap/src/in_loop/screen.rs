@@ -1,4 +1,4 @@
-//! The screen: one run for each effect, location and promising starting value shows how much of the gap its trace
+//! The screen: for each effect, location and promising starting value, one run shows how much of the gap the trace
 //! explains.
 
 use crate::case::record::Channels;
@@ -13,23 +13,24 @@ use crate::in_loop::slopes::difference;
 use crate::in_loop::stand_in::StandIn;
 use crate::search::rules::Scope;
 
-/// An effect at a location and with a size that the screen found.
+/// An effect at a location, with the result of its run in the screen.
 #[derive(Clone)]
 pub(super) struct Entry<'a> {
     /// The effect.
     pub placed: Placed<'a>,
     /// Expected decrease of the sum of squares along its trace.
     pub gain: f64,
-    /// Factor by which its trace explains most.
+    /// Factor on its trace that explains most of the residual.
     pub factor: f64,
-    /// The change of the outputs that it makes, its trace before the weights.
+    /// The change of the outputs that the effect causes, which is its trace before whitening.
     pub change: Vec<Channels>,
 }
 
-/// Range of the factors on a trace: beyond it, the shape of a trace says little about that of a larger effect.
+/// Range of the factors on a trace. Beyond this range, the shape of a trace says little about that of a larger
+/// effect.
 pub(super) const STRETCHED: [f64; 2] = [0.2, 5.0];
 
-/// Returns whether a foreign simulator can be run with an effect.
+/// Returns whether an external simulator can be run with an effect.
 fn possible(effect: &dyn Effect, placed: &Placed, problem: &Problem) -> bool {
     let actions = effect.act(&problem.setting, &placed.place, &placed.parameters);
     !actions.is_empty()
@@ -37,9 +38,9 @@ fn possible(effect: &dyn Effect, placed: &Placed, problem: &Problem) -> bool {
 }
 
 impl<'a> Search<'_, 'a> {
-    /// Screens all effects in the presence of an explanation within bounds on the runs. The entries are sorted by their
-    /// gain, the largest first, and hold the most promising starting values of each effect at each location. `problem`
-    /// holds the record that is screened.
+    /// Screens all effects in the presence of an explanation within bounds on the runs. The entries are sorted by
+    /// their gain, the largest first, and contain the most promising starting values of each effect at each location.
+    /// `problem` contains the record that is screened.
     pub(super) fn screen(
         &self,
         problem: &Problem<'a>,
@@ -104,8 +105,8 @@ fn starts<'a>(problem: &Problem<'a>, effect: &'a dyn Effect, beside: &Fit<'a>, s
     effect.places(&problem.setting).into_iter().flat_map(at).filter(may_stand).collect()
 }
 
-/// Returns the starting values that are run: at each location as many as `kept`, those whose trace by the stand-in
-/// explains most of the residual. Starting values of which the stand-in knows nothing are all run.
+/// Returns the starting values to be run: at each location, the `kept` ones whose traces by the stand-in explain most
+/// of the residual. Starting values whose traces the stand-in cannot give are all run.
 fn promising<'a>(
     problem: &Problem<'a>,
     stand_in: &StandIn,
@@ -126,7 +127,8 @@ fn promising<'a>(
     all.into_iter().zip(runs).filter_map(|(placed, runs)| runs.then_some(placed)).collect()
 }
 
-/// Returns the entry of an effect that changes the outputs so, or `None` if this explains nothing.
+/// Returns the entry of an effect that causes this change of the outputs, or `None` if its trace is zero or not
+/// finite.
 fn entry<'a>(problem: &Problem<'a>, placed: Placed<'a>, residual: &[f64], change: Vec<Channels>) -> Option<Entry<'a>> {
     let trace = problem.beyond_limits(&problem.whiten(&change));
     let size = dot(&trace, &trace);
@@ -147,7 +149,7 @@ fn entry<'a>(problem: &Problem<'a>, placed: Placed<'a>, residual: &[f64], change
     Some(Entry { placed, gain: sum_of_squares(residual) - left, factor, change })
 }
 
-/// Whether the amplitude of an effect cannot change its sign.
+/// Returns whether the amplitude of an effect cannot change its sign.
 pub(super) fn is_positive(placed: &Placed, problem: &Problem) -> bool {
     let Some((index, none)) = placed.effect.amplitude() else { return true };
     none == 0.0 && placed.effect.parameters(&problem.setting)[index].range == Range::Positive
@@ -155,8 +157,8 @@ pub(super) fn is_positive(placed: &Placed, problem: &Problem) -> bool {
 
 impl<'a> Entry<'a> {
     /// Returns the effect at the sizes from which a fit may start: as it was screened, at the size that its trace
-    /// suggests, and between the two. A large effect answers less than a small one, so the suggestion is too large or
-    /// too small.
+    /// suggests, and between the two. The response usually grows less than in proportion to the size of an effect, so
+    /// the suggested size is too large or too small.
     pub fn sizes(&self, problem: &Problem) -> Vec<Placed<'a>> {
         let Some((index, none)) = self.placed.effect.amplitude() else { return vec![self.placed.clone()] };
         let range = self.placed.effect.parameters(&problem.setting)[index].range;
@@ -164,7 +166,7 @@ impl<'a> Entry<'a> {
         let sized = |power: f64| {
             let factor = self.factor.abs().clamp(1.0 / MOST, MOST).powf(power).copysign(self.factor);
             let mut changed = self.placed.clone();
-            // A positive number that is multiplied stays positive.
+            // The factor on a positive number is an exponent, so that the number stays positive.
             changed.parameters[index] = if range == Range::Positive && none != 0.0 {
                 none * (from / none).powf(factor.clamp(-STRETCHED[1], STRETCHED[1]))
             } else {

@@ -1,5 +1,5 @@
-//! The search: effects are screened, the best entries are fitted with the simulator and weighted again by the residual
-//! of the best one, and a second effect is searched for in its presence.
+//! The search: effects are screened, the best entries are fitted with the simulator and weighted again by the
+//! residual of the best fit, and a further effect is then searched for in its presence.
 
 use crate::case::record::Channels;
 use crate::effects::Effect;
@@ -14,11 +14,11 @@ use crate::judge::gap;
 use crate::search::rules::Scope;
 use crate::settings::LoopSettings;
 
-/// Least number of samples of a record on which effects are screened.
+/// Smallest number of samples of a record on which effects are screened.
 const SHORTEST: usize = 64;
 
-/// Gaps, over the output, below which a record may be screened. The trace of an effect is a first-order approximation,
-/// which says less the larger the gap is.
+/// Gaps relative to the output below which a record may be screened, in order of preference. The trace of an effect
+/// is a first-order approximation, which becomes less accurate as the gap grows.
 const NEAR: [f64; 2] = [0.5, 1.0];
 
 /// The result of a search.
@@ -29,12 +29,12 @@ pub(super) struct Found<'a> {
     pub fits: Vec<Fit<'a>>,
     /// The screens, in order.
     pub screens: Vec<Vec<Entry<'a>>>,
-    /// The record of the first screen, and the number of its first samples.
+    /// The record of the first screen, and the number of its first samples that were screened.
     pub first_head: Option<(usize, usize)>,
 }
 
 impl<'a> Found<'a> {
-    /// Weights all explanations as the problem now does.
+    /// Weights all explanations with the current weights of the problem.
     fn weigh_anew(&mut self, problem: &Problem<'a>) {
         self.fits.iter_mut().chain([&mut self.refit]).for_each(|fit| *fit = fit.weighted_anew(problem));
     }
@@ -50,12 +50,13 @@ pub(super) struct Search<'s, 'a> {
     pub settings: LoopSettings,
     /// Standard deviation of the noise of each output (p).
     pub noise: Vec<f64>,
-    /// The gap that matters.
+    /// The smallest gap beyond the noise that matters, relative to the output.
     pub material: f64,
 }
 
 impl<'a> Search<'_, 'a> {
-    /// Searches for explanations of a problem. What the bounds on the runs do not allow is noted there.
+    /// Searches for explanations of a problem. Work that the bounds on the runs do not allow is recorded in `runs` as
+    /// left out.
     pub fn run(
         &self,
         problem: &mut Problem<'a>,
@@ -71,7 +72,7 @@ impl<'a> Search<'_, 'a> {
             refit = problem.fit(runs, as_given, self.settings.steps, self.gain(problem));
         }
         let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new(), first_head: None };
-        // An effect that does not suffice alone is kept, because two effects may hide each other.
+        // An effect that does not suffice on its own is kept, because two effects may mask each other.
         let mut insufficient: Option<Fit> = None;
         for stage in 0..self.settings.effects {
             let standing = found.fits[0].clone();
@@ -91,7 +92,7 @@ impl<'a> Search<'_, 'a> {
             if stage == 1 && self.left(problem, &standing) >= doubtful {
                 tried = self.stage_of_pair(problem, runs, &mut found, say);
             }
-            // A pair that fits the head of a record may fit nothing else.
+            // A pair that fits the first samples of one record may fail on all other data.
             if tried.iter().all(|fit| self.left(problem, fit) >= doubtful) {
                 tried.extend(self.stage(problem, runs, &beside, None, &mut found, say));
             }
@@ -119,7 +120,7 @@ impl<'a> Search<'_, 'a> {
         found
     }
 
-    /// Decrease of the cost below which a fit ends.
+    /// Returns the decrease of the cost below which a fit ends.
     pub(super) fn gain(&self, problem: &Problem) -> f64 {
         self.settings.fit_gain * problem.rows() as f64
     }
@@ -138,13 +139,14 @@ impl<'a> Search<'_, 'a> {
         self.stage(problem, runs, &stronger, Some(pair), found, say)
     }
 
-    /// Returns the share of the output above which an explanation with a further effect is doubtful.
+    /// Returns the remaining gap, relative to the output, above which an explanation with a further effect is
+    /// doubtful.
     pub(super) fn doubtful(&self, problem: &Problem, found: &Found) -> f64 {
         self.settings.doubtful * self.left(problem, &found.refit).min(1.0)
     }
 
     /// Screens effects in the presence of an explanation, and fits the best entries. In the presence of the stronger
-    /// effect of the best pair, the traces of the first screen say which entries are best.
+    /// effect of the best pair, the traces of the first screen determine the best entries.
     fn stage(
         &self,
         problem: &Problem<'a>,
@@ -157,7 +159,7 @@ impl<'a> Search<'_, 'a> {
         let (record, heads) = self.heads(problem, beside);
         let quick = problem.head(record, heads[0]);
         let start = quick.on_head(beside, record);
-        // Half of the runs are kept for the fits.
+        // Half of the remaining runs are reserved for the fits.
         let half = runs.bounds().half(runs.spent());
         let doubtful = self.doubtful(problem, found);
         let (entries, stepped) = match &paired {
@@ -195,8 +197,8 @@ impl<'a> Search<'_, 'a> {
     /// Returns the record on which effects are screened, and the numbers of its first samples that are fitted in turn.
     ///
     /// It is the loudest record with a gap below half of the output, or else the loudest one with a gap below the
-    /// output. If the gap exceeds the output in all records, the loudest one is shortened until its gap is smaller than
-    /// the output. Explanations that fit its first samples are then fitted to more and more samples.
+    /// output. If the gap exceeds the output in all records, the loudest one is shortened until its gap is smaller
+    /// than the output. Explanations that fit its first samples are then fitted to increasing numbers of samples.
     pub(super) fn heads(&self, problem: &Problem<'a>, beside: &Fit<'a>) -> (usize, Vec<usize>) {
         let levels: Vec<f64> = problem.records.iter().map(crate::case::record::Record::level).collect();
         let mut order: Vec<usize> = (0..levels.len()).filter(|k| levels[*k] > 0.0).collect();
@@ -219,7 +221,8 @@ impl<'a> Search<'_, 'a> {
         if !near(short) {
             return (record, vec![long]);
         }
-        // A stop that is hit once may throw a simulation far off within a few samples.
+        // The length is found to within a few samples, because a single contact with a stop may move a simulation far
+        // from the measurement.
         while long - short > SHORTEST / 8 {
             let middle = (short + long) / 2;
             if near(middle) {
@@ -235,8 +238,8 @@ impl<'a> Search<'_, 'a> {
         (record, heads)
     }
 
-    /// Fits explanations in a few steps to more samples than those on which they were found, and drops those that do
-    /// not fit.
+    /// Fits explanations in a few steps to more samples than those on which they were found, and drops those that are
+    /// far behind the best.
     fn grown(
         &self,
         head: &Problem<'a>,
@@ -283,9 +286,9 @@ impl<'a> Search<'_, 'a> {
         fits.into_iter().take(self.settings.fitted).map(|fit| fit.effects).collect()
     }
 
-    /// Runs the best start of each effect at each place in three sizes on the head of one record, and fits the leading
-    /// ones in a few steps, at most `most` of those that take runs. Returns the best of these fits, one for each effect
-    /// at each place, the best first.
+    /// Runs the best starts of each effect at each place at three sizes on the first samples of one record, and fits
+    /// the leading ones in a few steps; at most `most` of these fits may take runs. Returns the best of these fits,
+    /// one for each effect at each place, the best first.
     fn tried(
         &self,
         quick: &Problem<'a>,
@@ -321,12 +324,12 @@ impl<'a> Search<'_, 'a> {
         fits
     }
 
-    /// Sorts explanations by their cost with its price.
+    /// Sorts explanations by their cost including the price.
     pub(super) fn best_first(&self, problem: &Problem, fits: &mut [Fit]) {
         fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
     }
 
-    /// Runs an entry in three sizes together with other effects, and returns the best explanation.
+    /// Runs an entry at three sizes together with other effects, and returns the best explanation.
     pub(super) fn sized(
         &self,
         quick: &Problem<'a>,
@@ -340,7 +343,7 @@ impl<'a> Search<'_, 'a> {
         self.best_of(quick, runs, sizes)
     }
 
-    /// Runs several explanations by the same effects and returns the best one.
+    /// Runs several explanations with the same effects and returns the best one.
     pub(super) fn best_of(
         &self,
         quick: &Problem<'a>,
@@ -405,9 +408,9 @@ impl<'a> Search<'_, 'a> {
         fit.effects.iter().all(|placed| placed.effect.sound(&problem.setting, &placed.place, &placed.parameters))
     }
 
-    /// Returns the price of an explanation, in twice the log likelihood: that of its parameters (Schwarz, Ann. Stat. 6,
-    /// 1978) and that of the choice among all effects. A parameter that the simulator names counts as suspected: its
-    /// engineer says that it may be wrong.
+    /// Returns the price of an explanation, in units of twice the log likelihood: that of its parameters (Schwarz,
+    /// Ann. Stat. 6, 1978) and that of the choice among all effects. A parameter that the simulator declares counts
+    /// as suspected, because its engineer thereby states that it may be wrong.
     pub fn price(&self, problem: &Problem, fit: &Fit) -> f64 {
         let choices = self.effects.len().max(2) as f64;
         let of = |placed: &Placed| {
@@ -417,12 +420,12 @@ impl<'a> Search<'_, 'a> {
         fit.parameters() as f64 * (problem.rows() as f64).ln() + 2.0 * fit.effects.len() as f64 * choices.ln() - bonus
     }
 
-    /// Returns the cost of an explanation with its price.
+    /// Returns the cost of an explanation including its price.
     pub fn priced(&self, problem: &Problem, fit: &Fit) -> f64 {
         fit.cost + self.price(problem, fit)
     }
 
-    /// Puts an explanation first, whatever it costs.
+    /// Puts an explanation first, regardless of its cost.
     fn keep_first(&self, fits: &mut [Fit<'a>], first: &Fit<'a>) {
         if let Some(at) = fits.iter().position(|fit| all_same(&fit.effects, &first.effects)) {
             fits[..=at].rotate_right(1);
@@ -435,7 +438,7 @@ impl<'a> Search<'_, 'a> {
     }
 }
 
-/// Adds a fit, in place of one of the same effects if it is better.
+/// Adds a fit. If there is one with the same effects, the better of the two is kept.
 fn keep_better<'a>(fits: &mut Vec<Fit<'a>>, fit: Fit<'a>) {
     match fits.iter_mut().find(|other| all_same(&other.effects, &fit.effects)) {
         Some(other) if other.cost <= fit.cost => {}

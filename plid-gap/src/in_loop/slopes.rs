@@ -1,9 +1,10 @@
-//! Derivatives of the simulator's outputs by the parameters of effects, carried from point to point without new runs.
+//! Derivatives of the simulator's outputs with respect to the parameters of effects, updated from point to point
+//! without new runs.
 //!
-//! Difference quotients take a run of every record for each parameter. The runs of the steps themselves already show by
-//! how much the derivatives mispredict the outputs. Broyden's rank-one update (*Math. Comp.* 19, 1965) assigns this
-//! misfit to the direction of the step. Space mapping renews its surrogate of an expensive simulator in this way
-//! (Bandler et al., *IEEE Trans. Microwave Theory Tech.* 43, 1995).
+//! Finite differences take a run of every record for each parameter. The runs of the steps themselves already show
+//! the error with which the derivatives predict the outputs. Broyden's rank-one update (*Math. Comp.* 19, 1965)
+//! assigns this error to the direction of the step. Space mapping updates its surrogate of an expensive simulator in
+//! this way (Bandler et al., *IEEE Trans. Microwave Theory Tech.* 43, 1995).
 
 use nalgebra::DVector;
 
@@ -11,20 +12,20 @@ use crate::case::record::Channels;
 use crate::effects::Range;
 use crate::in_loop::problem::{Fit, Problem};
 
-/// Longest step, in a parameter's logarithm or unit, over which derivatives are carried. The laws of effects curve too
-/// much over longer ones.
+/// Longest step, in a parameter's logarithm or unit, over which derivatives are updated. Over longer steps, the laws
+/// of effects are too strongly curved.
 const NEAR: f64 = 0.5;
 
-/// The derivatives at a point: the change of the outputs of each record by a unit step of each parameter.
+/// The derivatives at a point: the change of the outputs of each record per unit step of each parameter.
 #[derive(Clone, Debug)]
 pub(super) struct Slopes {
-    /// Indexed by parameter and record.
+    /// The derivatives, indexed by parameter and record.
     pub by_parameter: Vec<Vec<Channels>>,
 }
 
 impl Slopes {
-    /// Returns the derivatives at `to`, the end of a step from `from`, where these are the derivatives. `None` after a
-    /// long step.
+    /// Returns the derivatives at `to`, the end of a step from `from`, where `self` holds the derivatives. Returns
+    /// `None` if the step is zero or too long.
     pub fn carry(&self, problem: &Problem, from: &Fit, to: &Fit) -> Option<Self> {
         let (step, units) = problem.step_between(from, to);
         let length = step.norm_squared();
@@ -50,8 +51,8 @@ impl Slopes {
 }
 
 impl Problem<'_> {
-    /// Returns the step of the effects' parameters from one point to another, each in the logarithm or the unit that it
-    /// has at the first, and the factors on these units from the first point to the second.
+    /// Returns the step of the effects' parameters from one point to another, each in its logarithm or in its unit at
+    /// the first point, and the factors by which these units change from the first point to the second.
     fn step_between(&self, from: &Fit, to: &Fit) -> (DVector<f64>, Vec<f64>) {
         let (mut steps, mut units) = (Vec::new(), Vec::new());
         for (before, after) in from.effects.iter().zip(&to.effects) {
@@ -70,7 +71,7 @@ impl Problem<'_> {
     }
 }
 
-/// The unit of steps in a parameter of any sign.
+/// Returns the unit of steps in a parameter of any sign.
 pub(super) fn unit(value: f64) -> f64 {
     if value == 0.0 { 1.0 } else { value.abs() }
 }
@@ -82,7 +83,7 @@ pub(super) fn difference(to: &[Channels], from: &[Channels]) -> Vec<Channels> {
     to
 }
 
-/// Adds `factor` times channels to others.
+/// Adds `factor` times `channels` to `to`.
 fn add(to: &mut [Channels], channels: &[Channels], factor: f64) {
     let pairs = to.iter_mut().flatten().flatten().zip(channels.iter().flatten().flatten());
     pairs.for_each(|(to, x)| *to += factor * x);

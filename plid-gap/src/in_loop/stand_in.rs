@@ -1,9 +1,10 @@
 //! A stand-in for the simulator near its trajectory: its linearisation, as a difference equation.
 //!
-//! One run with small random signals at all inputs and ports shows how the outputs respond near the trajectory. With
-//! this response, the trace of a starting value costs no run: a command changes by what the effect adds to it, and a
-//! port is pushed by the force that the law has along the trajectory. The stand-in only selects starting values of one
-//! effect at one location. Effects and locations are compared by runs of the simulator itself.
+//! One run with small random signals at all inputs and ports shows the response of the outputs near the trajectory.
+//! Given this response, the trace of a starting value takes no run: a command changes by the amount that the effect
+//! adds to it, and a port is driven by the force of the law along the trajectory. The stand-in is used only to select
+//! among the starting values of one effect at one location. Effects and locations are compared by runs of the
+//! simulator itself.
 
 use nalgebra::{DMatrix, DVector};
 use plid_simulator::Motion;
@@ -19,44 +20,45 @@ use crate::in_loop::runs::{Runs, regrouped};
 use crate::in_loop::slopes::difference;
 use crate::plant::Load;
 
-/// Size of the random signals, over the RMS of an input and over the force that moves a port as much as the inputs do.
-/// A smaller signal would be lost in the rounding of a program's output, a larger one leaves the trajectory.
+/// Size of the random signals, relative to the RMS of an input, or to the force that moves a port as much as the
+/// inputs do. A smaller signal would be lost in the rounding of a program's output; a larger one would leave the
+/// neighbourhood of the trajectory.
 const PROBE: f64 = 0.02;
 
 /// Number of past outputs in the difference equation, and of past values of each input and force.
 const LAGS: usize = 12;
 
-/// Samples of the probe for each coefficient: fewer do not determine them.
+/// Smallest number of samples of the probe per coefficient. Fewer samples do not determine the coefficients.
 const SAMPLES_EACH: usize = 4;
 
-/// Largest error of the stand-in in the probe itself, in free run, over the response. A simulator that is not nearly
-/// linear near its trajectory has no stand-in.
+/// Largest error of the stand-in in free run on the probe itself, relative to the response. A simulator that is not
+/// nearly linear near its trajectory has no stand-in.
 const WORST: f64 = 0.3;
 
-/// Ridge, relative to the mean square of the regressors, against outputs that repeat each other.
+/// Ridge, relative to the mean square of the regressors, for regressors that are linearly dependent.
 const RIDGE: f64 = 1e-12;
 
 /// The linearisation of a simulator about its trajectory in one record.
 pub(super) struct StandIn {
-    /// Coefficients of past outputs and of the inputs and forces, one difference equation for each output (p).
+    /// One difference equation for each output (p): the coefficients of its past values and of the inputs and forces.
     equations: Vec<DVector<f64>>,
-    /// The command with the standing effects.
+    /// The command with the effects of the explanation.
     drive: Drive,
     /// The motion of each port before each step.
     motions: Vec<Vec<Motion>>,
-    /// Steps in a sample.
+    /// Number of steps per sample.
     steps: usize,
-    /// Length of a step in s, and the time of the first.
+    /// Length of a step in s, and the time of the first step.
     step: f64,
     t0: f64,
 }
 
 impl StandIn {
-    /// The most runs that a linearisation takes.
+    /// Largest number of runs that a linearisation takes.
     pub const RUNS: usize = 2;
 
-    /// Linearises the simulator about an explanation of the one record of a problem. Returns `None` if the simulator
-    /// fails, or is not nearly linear there.
+    /// Linearises the simulator about an explanation of the only record of a problem. Returns `None` if the simulator
+    /// fails or is not nearly linear there, or if the record is too short.
     pub fn about<'a>(problem: &Problem<'a>, runs: &mut Runs, beside: &Fit<'a>) -> Option<Self> {
         let [record] = problem.records.as_slice() else { return None };
         let setting = &problem.setting;
@@ -70,7 +72,7 @@ impl StandIn {
         let mut signs = |size: f64| (0..samples).map(|_| if rng.random() { size } else { -size }).collect();
         let pushed: Channels = sizes.iter().map(|size| signs(*size)).collect();
         let effects = problem.with_nuisances(&beside.effects, &beside.eta);
-        // Without ports there is no motion to watch, and the outputs are at hand.
+        // Without ports there is no motion to observe, and the outputs are already available.
         let (y, motions) = if setting.force.is_empty() {
             (beside.simulated.first()?.clone(), Vec::new())
         } else {
@@ -90,8 +92,8 @@ impl StandIn {
         })
     }
 
-    /// Returns the change of the outputs (p channels) by an effect, to first order; `None` if it acts on a measurement
-    /// or on the simulator's own parameters, of which the stand-in knows nothing.
+    /// Returns the first-order change of the outputs (p channels) that an effect causes; `None` if the effect acts on
+    /// a measurement or on the simulator's own parameters, which the stand-in does not represent.
     pub fn change(&self, problem: &Problem, placed: &Placed) -> Option<Channels> {
         let (m, samples) = (self.drive.u.len(), self.drive.u.first()?.len() / self.drive.parts);
         let mut pushed = vec![vec![0.0; samples]; m + problem.setting.force.len()];
@@ -196,8 +198,8 @@ mod tests {
     use crate::in_loop::survey::{Survey, survey};
     use crate::testing::arm::{Arm, NOMINAL, case, nothing};
 
-    /// For weak effects on the command and at a port, the change that the stand-in foretells is close to that of the
-    /// nonlinear arm, which knows nothing of difference equations.
+    /// For weak effects on the command and at a port, the change that the stand-in predicts is close to that of the
+    /// nonlinear arm, which is not simulated by a difference equation.
     #[test]
     fn the_change_by_a_weak_effect_is_foretold_without_a_run() {
         let case = case(&NOMINAL, nothing, |u| u.to_vec(), |_| {});
@@ -236,7 +238,7 @@ mod tests {
         assert!(stand_in.change(&problem, &of_sensor).is_none());
     }
 
-    /// A response that is no linear function of the inputs has no difference equation.
+    /// A response that is not a linear function of the inputs has no difference equation.
     #[test]
     fn what_is_not_linear_has_no_equation() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);

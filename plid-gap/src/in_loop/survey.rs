@@ -1,7 +1,7 @@
-//! The survey of a foreign simulator: the responses of its ports to forces, and the sizes of all signals.
+//! The survey of an external simulator: the responses of its ports to forces, and the sizes of all signals.
 //!
-//! A linear simulation gives these by its matrices. Here they are measured in a few runs: the motion in the loudest
-//! record, and at each port the velocity that a force causes, within a step and over the record.
+//! For a linear simulation, these follow from the matrices. Here they are measured in a few runs: the motion in the
+//! loudest record, and at each port the velocity that a force causes, within a step and over the record.
 
 use nalgebra::{DMatrix, DVector};
 use plid_model::{Continuous, Model};
@@ -17,7 +17,7 @@ use crate::plant::Plant;
 
 /// The result of a survey.
 pub(super) struct Survey {
-    /// The sizes, channels and ports as effects see them.
+    /// The sizes of the signals, the channels and the ports, as the effects see them.
     pub setting: Setting,
     /// The response of each port to a force.
     pub responses: Vec<Response>,
@@ -25,22 +25,23 @@ pub(super) struct Survey {
     pub start: Vec<Motion>,
 }
 
-/// Forces from which the mobility of a port is measured, over the last: a port that sticks moves only by a large one.
+/// Ratio of each trial force for the mobility of a port to the previous one. A port that sticks moves only under a
+/// large force.
 const GROWTH: f64 = 10.0;
 
-/// The smallest and the largest force that is tried, in the port's unit.
+/// The smallest and the largest trial force, in the port's unit.
 const FORCES: [f64; 2] = [1e-6, 1e9];
 
-/// Relative difference below which two mobilities count as equal, so that the port moves freely.
+/// Relative difference below which two mobilities count as equal, which shows that the port moves freely.
 const SAME_MOBILITY: f64 = 0.05;
 
-/// Share of a port's velocity in the loudest record that the trial force causes.
+/// Velocity that the trial force causes, relative to the port's velocity in the loudest record.
 const PROBE: f64 = 0.05;
 
-/// Relative difference below which an output is a multiple of a port's displacement.
+/// Relative difference below which an output counts as a multiple of a port's displacement.
 const SAME_SIGNAL: f64 = 1e-6;
 
-/// Surveys a simulator with these records, of which the one at `loudest` is the loudest.
+/// Surveys a simulator with these records, of which `loudest` is the loudest.
 pub(super) fn survey(
     simulator: &mut Checked<'_>,
     config: &CaseConfig,
@@ -74,7 +75,7 @@ pub(super) fn survey(
             let sampled: Vec<f64> = d.iter().step_by(steps).copied().collect();
             if let Some((o, ratio)) = shown_by(&sampled, &y) {
                 setting.d_range[port] = measured_range(o, ratio, records);
-                // The plant's motion counts, and not that of a simulator which may be far from it.
+                // The measured motion of the plant is used, because that of the simulator may differ greatly from it.
                 let measured = measured_spread(o, ratio, loudest);
                 if measured > 0.0 && setting.d_rms[port] > 0.0 {
                     setting.v_rms[port] *= measured / setting.d_rms[port];
@@ -94,7 +95,7 @@ pub(super) fn survey(
 /// The unit of a channel for which neither the case nor the simulator states one.
 const AS_RECORDED: &str = "as recorded";
 
-/// Returns the units that the case declares, or else the simulator.
+/// Returns the units that the case declares, or else those of the simulator.
 pub(super) fn units(description: &Description, config: &CaseConfig) -> Units {
     let of_case = |name: &String, own: &Option<String>| config.units.get(name).or(own.as_ref()).cloned();
     Units {
@@ -105,7 +106,7 @@ pub(super) fn units(description: &Description, config: &CaseConfig) -> Units {
     }
 }
 
-/// Returns the channels, places and parameters of a simulator without any sizes, for a prediction.
+/// Returns the channels, places and parameters of a simulator without the sizes of the signals, for a prediction.
 pub(super) fn bare(description: &Description, responses: &[Response]) -> Result<Setting, GapError> {
     let mobilities: Vec<f64> = responses.iter().map(|response| response.mobility).collect();
     let step = responses.first().map_or(1.0, |response| response.step);
@@ -119,7 +120,7 @@ fn of_model(description: &Description, model: &Model) -> Result<Setting, GapErro
     Ok(setting)
 }
 
-/// Sets the sizes that follow from the records.
+/// Sets the signal sizes that follow from the records.
 fn of_records(setting: &mut Setting, records: &[Record], loudest: &Record) {
     let rate = setting.plant.rate;
     let finite = |y: &[f64]| -> Vec<f64> { y.iter().copied().filter(|y| y.is_finite()).collect() };
@@ -133,11 +134,11 @@ fn of_records(setting: &mut Setting, records: &[Record], loudest: &Record) {
     setting.duration_s = end;
 }
 
-/// Returns a model that has the simulator's channels, and a free mass at each port: the properties that effects need of
-/// a plant when they choose their places and starts.
+/// Returns a model with the simulator's channels and a free mass at each port. Effects need these properties of a
+/// plant to choose their places and starting values.
 fn stand_in(description: &Description, mobilities: &[f64], step: f64) -> Model {
     let (m, p, ports) = (description.inputs.len(), description.outputs.len(), description.ports.len());
-    // One state that nothing drives, because a model has at least one.
+    // One state is not driven; a model has at least one state.
     let n = 2 * ports + 1;
     let (mut a, mut discrete) = (DMatrix::zeros(n, n), DMatrix::identity(n, n));
     let last = n - 1;
@@ -176,8 +177,8 @@ fn stand_in(description: &Description, mobilities: &[f64], step: f64) -> Model {
     }
 }
 
-/// Returns the change of a port's velocity over the first step for a unit of force, at a force from which on it no
-/// longer depends on the force. Returns zero if no force moves the port within a step.
+/// Returns the change of a port's velocity over the first step per unit of force, at a force beyond which this ratio
+/// no longer depends on the force. Returns zero if no force moves the port within a step.
 fn measured_mobility(simulator: &mut Checked<'_>, port: usize) -> Result<f64, SimulatorError> {
     let (m, steps) = (simulator.description().inputs.len(), simulator.description().steps_per_sample);
     let ports = simulator.description().ports.len();
@@ -208,7 +209,7 @@ fn measured_mobility(simulator: &mut Checked<'_>, port: usize) -> Result<f64, Si
     Ok(0.0)
 }
 
-/// Returns the weight of the velocity after a step in the change of the displacement over it.
+/// Returns the weight of the velocity after a step in the change of the displacement over that step.
 fn weight(d: &[f64], v: &[f64], step: f64) -> f64 {
     let (mut up, mut down) = (0.0, 0.0);
     for k in 1..d.len() {
@@ -219,13 +220,13 @@ fn weight(d: &[f64], v: &[f64], step: f64) -> f64 {
     if down > 0.0 { (up / down).clamp(0.0, 1.0) } else { 0.5 }
 }
 
-/// Returns the RMS about zero of a motion from its start.
+/// Returns the RMS of a displacement relative to its first value.
 fn spread(d: &[f64]) -> f64 {
     let start = d.first().copied().unwrap_or(0.0);
     rms(d.iter().map(|d| d - start).collect::<Vec<f64>>())
 }
 
-/// Returns the output that measures a displacement, and its value over the displacement.
+/// Returns the output that measures a displacement, and the ratio of the output to the displacement.
 fn shown_by(d: &[f64], y: &[Vec<f64>]) -> Option<(usize, f64)> {
     let square = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
     let ratio = |y: &[f64]| {
@@ -249,8 +250,8 @@ fn measured_spread(o: usize, ratio: f64, record: &Record) -> f64 {
     if seen.is_empty() { 0.0 } else { rms(seen) }
 }
 
-/// Returns the force that moves a port about as much as the inputs do: a random force of a known size is added in the
-/// loudest record, and scaled to the motion there.
+/// Returns the force that moves a port about as much as the inputs do. For this purpose, a random force of known size
+/// is added in the loudest record and scaled to the motion there.
 fn force(
     simulator: &mut Checked<'_>,
     port: usize,
@@ -262,7 +263,7 @@ fn force(
     if !(mobilities[port] > 0.0 && velocity > 0.0) {
         return Ok(0.0);
     }
-    // Held as long as a typical motion takes: between two changes of the velocity's sign.
+    // The force is held for the duration of a typical motion: the time between two changes of the velocity's sign.
     let signs = motions.windows(2).filter(|two| two[0][port].velocity * two[1][port].velocity < 0.0).count();
     let hold = (motions.len() / (signs + 1)).clamp(1, motions.len());
     let size = PROBE * velocity / (mobilities[port] * (hold as f64).sqrt());
@@ -282,7 +283,7 @@ mod tests {
     use crate::effects::Place;
     use plid_simulator::{Input, Output, Port};
 
-    /// Units are those of the simulator, and those of the case where it has some.
+    /// Units are those of the case where it declares them, and otherwise those of the simulator.
     #[test]
     fn units_are_those_of_the_simulator() {
         let input = Input { unit: Some("N m".into()), ..Input::new("u") };

@@ -1,4 +1,4 @@
-//! Diagnoses of a nonlinear arm. Their truths have the effect inside the equations of motion.
+//! Diagnoses of a nonlinear arm. The true forces are inside the equations of motion.
 
 use plid_simulator::{Motion, SimulatorError};
 
@@ -26,7 +26,7 @@ fn diagnosed(case: &Case) -> LoopOutcome {
     outcome
 }
 
-/// What the first effect of a diagnosis is, with its place.
+/// Returns the first effect of a diagnosis and its place.
 fn first(outcome: &LoopOutcome) -> (&str, &str) {
     outcome.diagnosis.effects.first().map_or(("", ""), |effect| (effect.effect.as_str(), effect.location.as_str()))
 }
@@ -103,7 +103,7 @@ fn nothing_is_named_where_nothing_is_missing() {
 
 #[test]
 fn what_the_vocabulary_lacks_is_kept_open() {
-    // A spring between motor and link that is lost in one direction of the motor's motion.
+    // A spring between motor and link is lost in one direction of the motor's motion.
     let outcome = inside(|x, _, _| {
         let lost = if x[2] > 0.0 { 20.0 * (x[0] - x[1]) } else { 0.0 };
         [lost, -lost, 0.0]
@@ -112,7 +112,7 @@ fn what_the_vocabulary_lacks_is_kept_open() {
     assert!(outcome.diagnosis.effects.iter().all(|effect| effect.confidence < 0.9), "{}", outcome.diagnosis.sentence);
 }
 
-/// The error of a case with the arm as the simulator.
+/// Returns the error of a changed case with the arm as the simulator.
 fn refused(change: fn(&mut Case)) -> String {
     let mut case = case(&NOMINAL, nothing, same, as_it_is);
     change(&mut case);
@@ -149,14 +149,14 @@ fn a_parameter_within_its_limit_is_no_cause() {
     limited.config.simulator = Some(SimulatorConfig { command, limits, ..SimulatorConfig::default() });
     let closed = diagnosed(&limited);
     assert_eq!(closed.diagnosis.verdict, Verdict::None, "{}", closed.diagnosis.sentence);
-    // The limit belongs to the case: the simulator that predicts knows nothing of it.
+    // The limit belongs to the case and is not known to the simulator that predicts.
     let predictor = LoopPredictor::new(closed.simulation).unwrap();
     predictor.predict(&mut Arm::new(), &Library::standard(), &limited.records[0].u, 0.0).unwrap();
     let [from, to, z] = closed.diagnosis.refit["parameter:motor damper"];
     assert!((to / numbers.damper - 1.0).abs() < 0.02 && from == NOMINAL.damper && z < 1.0, "{to}, {z}");
 }
 
-/// Whether runs go side by side changes nothing in the answer, nor the number of runs.
+/// Runs in parallel change neither the answer nor the number of runs.
 #[test]
 fn runs_side_by_side_give_the_same_answer() {
     let answers = [1, 2].map(|count| {
@@ -170,7 +170,7 @@ fn runs_side_by_side_give_the_same_answer() {
     assert_eq!(answers[0], answers[1]);
 }
 
-/// A bound on the runs is kept, and what was left out because of it is said.
+/// A bound on the runs is kept, and the answer states what was left out because of it.
 #[test]
 fn a_bound_on_the_runs_is_kept() {
     let mut case = case(&NOMINAL, |x, _, _| [-0.1 * (x[2] / 0.1).tanh(), 0.0, 0.0], same, as_it_is);
@@ -209,7 +209,7 @@ impl Simulator for Slow {
     }
 }
 
-/// So is a bound on their time.
+/// A bound on the time of the runs is kept, too.
 #[test]
 fn a_bound_on_the_time_is_kept() {
     let mut case = case(&NOMINAL, |x, _, _| [-0.1 * (x[2] / 0.1).tanh(), 0.0, 0.0], same, as_it_is);
@@ -234,8 +234,8 @@ fn a_search_within_its_bounds_leaves_nothing_out() {
     assert!(json.get("ended_by").is_none() && json.get("left_out").is_none(), "{json}");
 }
 
-/// A lighter link and friction at the motor: the effect that explains most alone is neither, but their traces explain
-/// the gap together.
+/// A lighter link and friction at the motor: the effect that explains most on its own is neither, but their traces
+/// explain the gap together.
 #[test]
 fn two_causes_are_found_together() {
     let truth = Numbers { link: 0.75 * NOMINAL.link, ..NOMINAL };
@@ -247,7 +247,8 @@ fn two_causes_are_found_together() {
     assert_eq!(named, both, "{}", outcome.diagnosis.sentence);
 }
 
-/// Beyond the inputs and the motion of the fitted records, the expected gap grows, and what exceeds them is named.
+/// Beyond the inputs and the motion of the fitted records, the expected gap grows, and the signal that exceeds them
+/// is named.
 #[test]
 fn the_expected_gap_grows_beyond_what_was_fitted() {
     let case = case(&NOMINAL, |x, _, _| [0.0, -6.0 * x[1].powi(3), 0.0], same, as_it_is);
@@ -275,14 +276,14 @@ fn the_expected_gap_grows_beyond_what_was_fitted() {
         assert!(warning.contains("input `torque`") || warning.contains("motion at `"), "{warning}");
         before = gap;
     }
-    // A motion beyond that of the records counts where the input does not exceed theirs.
+    // A motion beyond that of the records counts even if the input does not exceed theirs.
     let mut still = outcome.simulation.clone();
     let peaks = &mut still.fitted.as_mut().unwrap().displacement_peak;
     assert!(peaks.len() == 2 && peaks.iter().all(|peak| *peak > 0.0), "{peaks:?}");
     peaks.iter_mut().for_each(|peak| *peak *= 0.25);
     let beyond = predicted(&LoopPredictor::new(still).unwrap(), 0.9).1.unwrap();
     assert!(beyond.what.starts_with("motion at `") && beyond.times > 2.0, "{beyond:?}");
-    // A file of a former version has no range.
+    // A file of an earlier version has no range.
     let old = LoopPredictor::new(SimulatorWithEffects { fitted: None, ..outcome.simulation }).unwrap();
     assert_eq!([1.0, 8.0].map(|level| predicted(&old, level).0), [stated; 2]);
 }
@@ -305,7 +306,7 @@ fn a_range_that_is_impossible_is_refused() {
     assert!(noise.contains("`noise_rms`"), "{noise}");
 }
 
-/// What is written predicts a new input, with the effects and the parameters.
+/// The written files predict the response to a new input, with the effects and the parameters.
 #[test]
 fn the_answer_predicts_what_it_has_not_seen() {
     let damped = case(&Numbers { damper: 1.4 * NOMINAL.damper, ..NOMINAL }, nothing, same, as_it_is);
@@ -320,7 +321,7 @@ fn the_answer_predicts_what_it_has_not_seen() {
         let gap = Blocks::new(&fresh.y, &y.outputs, 0).gap();
         assert!(gap < 1.5 * outcome.diagnosis.gap.noise_floor, "{gap}");
         assert!(std::fs::read_to_string(folder.path().join("report.html")).unwrap().contains("<svg"));
-        // Another simulator is refused.
+        // A different simulator is refused.
         let output = plid_simulator::Output::new("y");
         let description = Description::new("other", 200.0, Vec::new(), vec![output]);
         let mut other = plid_simulator::Function::new(description, |_: &[f64], _: &[Vec<f64>]| Ok(Vec::new()));

@@ -1,6 +1,7 @@
-//! The calibration of stated probabilities: how often statements like this one were right in blind trials.
+//! The calibration of stated probabilities: the frequency with which statements like this one were right in blind
+//! trials.
 //!
-//! Likelihoods say how much better one explanation is than another, and not how often none of them is right. The
+//! Likelihoods tell how much better one explanation is than another, but not how often none of them is right. The
 //! log-odds of a statement are therefore a linear function of the log-odds before calibration and of its basis
 //! (logistic regression; Platt, Advances in Large Margin Classifiers, 2000, 61). `plid gap trial calibrate` fits the
 //! coefficients to trials.
@@ -12,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::judge::statement::{About, Statement};
 
-/// Largest log-odds, before and after calibration: no trial has enough cases to show more.
+/// Largest magnitude of the log-odds, before and after calibration: no trial has enough cases to support more.
 pub const MOST_LOG_ODDS: f64 = 6.0;
 
 /// The coefficients that the program uses.
@@ -26,7 +27,7 @@ pub struct Coefficients {
     pub constant: f64,
     /// Factor of the log-odds before calibration.
     pub before: f64,
-    /// Factors of the basis, by name. What is not listed does not count.
+    /// Factors of the basis, by name. A quantity that is not listed does not count.
     pub basis: BTreeMap<String, f64>,
 }
 
@@ -44,7 +45,7 @@ impl Coefficients {
         probability(self.constant + self.before * log_odds(statement.before) + basis.sum::<f64>())
     }
 
-    /// Returns a probability after a change by one quantity of the basis alone.
+    /// Returns a probability after a shift of its log-odds by the factor of one quantity of the basis.
     pub(crate) fn shifted(&self, before: f64, name: &str) -> f64 {
         probability(log_odds(before) + self.basis.get(name).copied().unwrap_or(0.0))
     }
@@ -70,15 +71,15 @@ pub struct Learnt {
 pub struct Calibration {
     /// The trials.
     pub trials: Vec<Learnt>,
-    /// Of the first effect.
+    /// The coefficients of the statement about the first effect.
     pub effect: Coefficients,
-    /// Of the first explanation.
+    /// The coefficients of the statement about the first explanation.
     pub explanation: Coefficients,
-    /// Of further effects.
+    /// The coefficients of the statements about further effects.
     pub further: Coefficients,
-    /// Of "nothing is missing".
+    /// The coefficients of "nothing is missing".
     pub nothing: Coefficients,
-    /// Of "something outside the vocabulary".
+    /// The coefficients of "something outside the vocabulary".
     pub unknown: Coefficients,
 }
 
@@ -106,12 +107,12 @@ impl Calibration {
     }
 }
 
-/// Returns the probability with these log-odds, at most [`MOST_LOG_ODDS`].
+/// Returns the probability with these log-odds, whose magnitude is limited to [`MOST_LOG_ODDS`].
 fn probability(log_odds: f64) -> f64 {
     1.0 / (1.0 + (-log_odds.clamp(-MOST_LOG_ODDS, MOST_LOG_ODDS)).exp())
 }
 
-/// Returns the log-odds of a probability, at most [`MOST_LOG_ODDS`].
+/// Returns the log-odds of a probability, with a magnitude of at most [`MOST_LOG_ODDS`].
 pub fn log_odds(probability: f64) -> f64 {
     let odds = probability / (1.0 - probability);
     odds.max(f64::MIN_POSITIVE).ln().clamp(-MOST_LOG_ODDS, MOST_LOG_ODDS)
@@ -128,7 +129,7 @@ mod tests {
         assert_eq!(*Calibration::used(), read);
     }
 
-    /// Without coefficients a statement keeps its probability, as far as log-odds are bounded.
+    /// Without coefficients a statement keeps its probability, within the bound on log-odds.
     #[test]
     fn coefficients_of_nothing_change_nothing() {
         let statement = |before: f64| Statement { about: About::Effect, before, basis: BTreeMap::new() };
@@ -139,7 +140,7 @@ mod tests {
         assert!((Coefficients::default().probability(&statement(1.0)) - most).abs() < 1e-12);
     }
 
-    /// Log-odds are added: 0.5 has none, and ln 3 makes it 3 : 1.
+    /// Log-odds are added: a probability of 0.5 has log-odds of zero, and ln 3 makes the odds 3 : 1.
     #[test]
     fn a_basis_shifts_the_log_odds() {
         let basis = BTreeMap::from([("faint".to_owned(), 0.5), ("not listed".to_owned(), 9.0)]);

@@ -1,4 +1,4 @@
-//! The reliability of predictions: free runs of each fitted record by a model of the others.
+//! The reliability of predictions: free runs of each fitted record by a model that was fitted to the others.
 
 use crate::case::record::{Channels, Record};
 use crate::fit::free_run::outputs;
@@ -9,7 +9,7 @@ use crate::noise::whiten::Whitener;
 use crate::settings::JudgeSettings;
 use crate::simulate::Fineness;
 
-/// A fit that starts from the fit to all records.
+/// The effort of a fit that starts from the fit to all records.
 const FROM_ALL: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
 /// An expected gap with its interval.
@@ -28,14 +28,14 @@ impl Stated {
     }
 }
 
-/// How far the gaps of records lie from what was expected of them.
+/// The scatter of the gaps of records about their expected values.
 #[derive(Debug, Clone, Copy)]
 struct Scatter {
     /// Number of records.
     records: f64,
-    /// Number of records for which the expected scatter counts.
+    /// Number of records to which the prior scatter is equivalent.
     prior: f64,
-    /// Sum of the squared logarithms of gap over expected gap, those that were expected included.
+    /// Sum of the squared logarithms of gap over expected gap, including those of the prior.
     square: f64,
 }
 
@@ -44,8 +44,8 @@ impl Scatter {
         Self { records: self.records + 1.0, square: self.square + off * off, ..self }
     }
 
-    /// Returns the factor by which 80 % of the gaps lie above or below the expected one, at most. The mean of the
-    /// records is uncertain as well.
+    /// Returns the factor within which 80 % of the gaps lie above or below the expected one. It includes the
+    /// uncertainty of the mean over the records.
     fn reach(self) -> f64 {
         let Self { records, prior, square } = self;
         // 80 % of a normal variable lie within 1.28 standard deviations.
@@ -63,7 +63,7 @@ pub fn are_long(held_out: &[Record], loudest: &Record) -> bool {
     2 * held_out.iter().map(Record::samples).sum::<usize>() >= loudest.samples()
 }
 
-/// The free runs of all fitted records, each by a model of the others.
+/// The free runs of all fitted records, each by a model that was fitted to the others.
 pub struct Crossed<'p> {
     records: &'p [Record],
     simulated: Vec<Channels>,
@@ -71,8 +71,9 @@ pub struct Crossed<'p> {
 }
 
 impl<'p> Crossed<'p> {
-    /// Predicts each fitted record by a model of the others. A record that is louder than all others is predicted part
-    /// by part, from its other parts as well: what an effect does at that level cannot be told from the other records.
+    /// Predicts each fitted record by a model that is fitted to the others. A record that is louder than all others
+    /// is predicted part by part, from its other parts as well: the other records do not show how an effect acts at
+    /// that level.
     pub fn of(problem: &'p Problem, fit: &Fit, noise: impl Fn(&Record) -> Whitener) -> Self {
         let records = &problem.records;
         let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].is_driven()).collect();
@@ -92,7 +93,7 @@ impl<'p> Crossed<'p> {
                 records[k].y.iter().map(|y| vec![0.0; y.len()]).collect()
             };
         }
-        // The deviation of each record's gap from that of its level, as a logarithm.
+        // The deviation of each record's gap from the gap expected at its level, as a logarithm.
         let off = |k: &usize| {
             let found = Blocks::new(&records[*k].y, &simulated[*k], 0).gap();
             (found / gap::expected(records, &simulated, records[*k].level())).ln()
@@ -108,9 +109,9 @@ impl<'p> Crossed<'p> {
         Stated::new(gap::expected(self.records, &self.simulated, level), self.scatter)
     }
 
-    /// Returns the gap to expect on a record of a level after held-out records were predicted by all fitted ones, and
-    /// left this gap. The models behind `at` are fitted to fewer records than the answer, so what they state is too
-    /// large where each record shows something of its own. The held-out records show by how much.
+    /// Returns the gap to expect on a record of a level, given that the model of all fitted records left the gap
+    /// `left` on held-out records. The models behind `at` are fitted to fewer records than the answer, so their gap
+    /// is too large if each record contains information that the others lack. The held-out records show by how much.
     pub fn in_view_of(&self, held_out: &[Record], left: f64, level: f64) -> Stated {
         let samples: usize = held_out.iter().map(Record::samples).sum();
         let square = |record: &Record| record.samples() as f64 * record.level().powi(2);
@@ -123,7 +124,7 @@ impl<'p> Crossed<'p> {
     }
 }
 
-/// Returns the free run of a record by the model of the others.
+/// Returns the free run of a record by the model that is fitted to the other records.
 fn by_others(problem: &Problem, fit: &Fit, k: usize) -> Channels {
     let others = problem.without(k);
     let jacobian = others.jacobian(&others.nuisance.apply(&others.plant, &fit.eta));
@@ -131,7 +132,7 @@ fn by_others(problem: &Problem, fit: &Fit, k: usize) -> Channels {
     run(&others.nuisance.apply(&others.plant, &fit.eta), &others.actions(&fit.effects), &problem.records[k])
 }
 
-/// Returns the free run of a record, each part by the model of its other parts and of the other records.
+/// Returns the free run of a record, each part by the model that is fitted to its other parts and the other records.
 fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: &impl Fn(&Record) -> Whitener) -> Channels {
     let record = &problem.records[only];
     let samples = record.samples();
@@ -163,7 +164,7 @@ fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: &impl Fn(&Record) 
 mod tests {
     use super::*;
 
-    /// Quieter records that no fit has seen leave half of what was expected of them, so a loud one will as well.
+    /// If quieter held-out records leave half of the gap that was expected of them, the same is expected of a loud one.
     #[test]
     fn what_quieter_held_out_records_leave_counts_at_their_own_level() {
         let noise = crate::testing::random_input(3, 4000, 1);
@@ -172,7 +173,7 @@ mod tests {
             let y = u.iter().zip(&noise[0]).map(|(u, e)| u + gap * (0.5_f64).sqrt() * e).collect();
             (crate::testing::record(vec![u.clone()], vec![y]), vec![u])
         };
-        // The error has one size, so it is a fifth as large beside the louder record.
+        // The error has the same size in both records, so it is relatively a fifth as large in the louder one.
         let ((loud, a), (quiet, b)) = (record(1.0, 0.1), record(0.2, 0.1));
         let scatter = Scatter { records: 2.0, prior: 4.0, square: 4.0 * 0.12_f64.powi(2) };
         let crossed = Crossed { records: &[loud.clone(), quiet.clone()], simulated: vec![a, b], scatter };
@@ -182,7 +183,7 @@ mod tests {
         assert!(expected > 0.4, "{expected}");
         let stated = crossed.in_view_of(&[quiet], 0.5 * expected, loud.level());
         assert!((stated.gap / before.gap - 0.5).abs() < 1e-12, "{stated:?}");
-        // They lie so far from it that the interval becomes wider.
+        // This deviation is so large that the interval becomes wider.
         assert!(stated.ci80[1] / stated.gap > before.ci80[1] / before.gap, "{stated:?} {before:?}");
     }
 }

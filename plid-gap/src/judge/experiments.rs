@@ -1,4 +1,4 @@
-//! Experiments that may come next: signals for the inputs of the plant, each with its words.
+//! Experiments that may come next: signals for the inputs of the plant, each with its description.
 
 use std::f64::consts::TAU;
 
@@ -12,22 +12,22 @@ use crate::fit::problem::Problem;
 use crate::plant::Plant;
 use plid_fourier::C;
 
-/// Levels of the loudest input, with their words.
+/// Levels relative to that of the loudest input, with their descriptions.
 const LEVELS: [(f64, &str); 4] =
     [(1.0, "its level"), (1.0 / 3.0, "a third of its level"), (2.0, "twice its level"), (4.0, "four times its level")];
 
-/// Levels of synthetic signals over that of the loudest record.
+/// Levels of synthetic signals relative to that of the loudest record, with their descriptions.
 const SYNTHETIC: [(f64, &str); 2] = [(1.0, "the highest level so far"), (2.0, "twice the highest level so far")];
 
 /// The band of synthetic signals: below the lowest and above the highest mode by these factors, so that the flanks of
 /// all resonances are driven.
 const AROUND_MODES: [f64; 2] = [0.5, 1.25];
 
-/// The band without modes, over the sample rate: from some periods in a record to where a held input still moves a
-/// sampled plant.
+/// The band without modes, over the sample rate: from a frequency with several periods in a record to one at which a
+/// held input still moves a sampled plant.
 const WITHOUT_MODES: [f64; 2] = [2e-3, 0.1];
 
-/// Highest frequency over the sample rate, below half of it, where a held input is still near a sine.
+/// Highest frequency over the sample rate. It is below one half, so that a held input is still close to a sine.
 const HIGHEST: f64 = 0.4;
 
 /// A possible experiment.
@@ -36,7 +36,7 @@ pub(super) struct Experiment {
     /// The inputs.
     pub u: Channels,
     pub excitation: Excitation,
-    /// The record to take, in words without its length.
+    /// The record to take, in words but without its length.
     pub words: String,
     /// The port at which there is one more sensor.
     pub sensor: Option<usize>,
@@ -54,8 +54,8 @@ impl Experiment {
     }
 }
 
-/// Returns the experiments of a length, the simplest first: no input, the input of the loudest record at some levels,
-/// each input alone, multisines and chirps.
+/// Returns the experiments of a given length, the simplest first: no input, the input of the loudest record at
+/// several levels, each input alone, multisines and chirps.
 pub(super) fn experiments(problem: &Problem, samples: usize) -> Vec<Experiment> {
     let loudest = loudest(&problem.records, problem.settings.case.same_level);
     let levels: Vec<f64> = loudest.u.iter().map(rms).collect();
@@ -102,7 +102,7 @@ pub(super) fn experiments(problem: &Problem, samples: usize) -> Vec<Experiment> 
     all
 }
 
-/// The band of synthetic signals in Hz, with three digits.
+/// Returns the band of synthetic signals in Hz, rounded to three digits.
 fn band(plant: &Plant) -> [f64; 2] {
     let ends = match (plant.modes.first(), plant.modes.last()) {
         (Some(first), Some(last)) => [AROUND_MODES[0] * first.hz(), AROUND_MODES[1] * last.hz()],
@@ -115,8 +115,8 @@ fn band(plant: &Plant) -> [f64; 2] {
     [digits(ends[0]), digits(ends[1].min(HIGHEST * plant.rate))]
 }
 
-/// Returns a multisine of equal lines in a band for each input, with random phases and these RMS values. Different
-/// phases on different inputs tell their responses apart.
+/// Returns a multisine with lines of equal amplitude in a band for each input, with random phases and these RMS
+/// values. Different phases on different inputs allow their responses to be separated.
 fn multisine(levels: &[f64], [from, to]: [f64; 2], rate: f64, samples: usize) -> Channels {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let one = |level: &f64| {
@@ -131,8 +131,8 @@ fn multisine(levels: &[f64], [from, to]: [f64; 2], rate: f64, samples: usize) ->
     levels.iter().map(one).collect()
 }
 
-/// Returns a linear sweep over a band for each input, with these RMS values; upwards for every other input and
-/// downwards for the rest, so that the responses to two inputs can be separated.
+/// Returns a linear sweep over a band for each input, with these RMS values. Successive inputs are swept upwards and
+/// downwards in turn, so that their responses can be separated.
 fn chirp(levels: &[f64], [from, to]: [f64; 2], rate: f64, samples: usize) -> Channels {
     let duration = samples as f64 / rate;
     let one = |(i, level): (usize, &f64)| {
@@ -156,8 +156,7 @@ fn at_level(signal: Vec<f64>, level: f64) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Both signals have the levels that are asked for, nearly all of their power in the band, and differ between
-    /// inputs.
+    /// Both signals have the requested levels, have nearly all of their power in the band, and differ between inputs.
     #[test]
     fn synthetic_signals_have_their_levels_and_their_band() {
         let (rate, samples, band) = (1000.0, 2000, [40.0, 200.0]);

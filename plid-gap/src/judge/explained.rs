@@ -33,28 +33,29 @@ pub struct Explained<'a> {
     pub judged: Adequacy,
     /// The noise level.
     pub level: NoiseLevel,
-    /// What it leaves, if no record shows the noise level and the inputs do not predict it.
+    /// The residual of the best explanation, if no record shows the noise level and the inputs do not predict this
+    /// residual.
     pub unpredicted: Option<Unpredicted>,
     /// Sum of squares of the simulation as given.
     pub given_cost: f64,
-    /// Explanations that were refused although they came nearest, with the reason.
+    /// Explanations that were refused although they fitted best, with the reason.
     pub refused: Vec<(Vec<Placed<'a>>, Refusal)>,
 }
 
-/// Why an explanation that came nearest was refused.
+/// The reason for refusing an explanation that fitted best.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Refusal {
     /// Its free run of this record diverges.
     Diverges(String),
     /// It fits the noise of the fitted records.
     FitsNoise,
-    /// It leaves most of what stochastic effects do not account for.
+    /// It leaves most of the gap that stochastic effects do not account for.
     BesideNoise,
     /// It predicts the held-out records worse than the simulation without effects.
     Overfits,
     /// It predicts the held-out records much worse than an explanation that fits as well.
     Outdone,
-    /// It leaves most of the gap of the held-out records, which a change over time closes.
+    /// It leaves most of the gap of the held-out records, and a change over time closes that gap.
     Untimely,
 }
 
@@ -71,8 +72,8 @@ impl<'a> Explained<'a> {
         fit
     }
 
-    /// Returns the RMS of each output's noise, including lines whose phase wanders. If nothing shows the noise level,
-    /// it is that of the residual where this counts as noise, and elsewhere at most that of the residual.
+    /// Returns the RMS of each output's noise, including lines whose phase wanders. If no record shows the noise level,
+    /// the RMS is that of the residual if the residual counts as noise, and otherwise at most that of the residual.
     pub fn noise_rms(&self) -> Vec<f64> {
         if let Some(unpredicted) = &self.unpredicted {
             return unpredicted.rms.clone();
@@ -82,8 +83,8 @@ impl<'a> Explained<'a> {
         noise.enumerate().map(|(o, noise)| (noise * noise + lines(o)).sqrt()).collect()
     }
 
-    /// Returns the record, held out or not, whose free run diverges. Without effects none does, because the audit
-    /// refuses unstable simulations.
+    /// Returns the first record, held out or not, whose free run diverges. Without effects no free run does, because
+    /// the audit refuses unstable simulations.
     fn unbounded(&self) -> Option<&Record> {
         if self.fit().effects.is_empty() {
             return None;
@@ -95,7 +96,8 @@ impl<'a> Explained<'a> {
         problem.records.iter().chain(&self.ready.held_out).find(|record| !finite(record))
     }
 
-    /// Replaces an explanation whose free run of a record diverges by the next one that does not, or by the refit.
+    /// Replaces an explanation whose free run of a record diverges by the next one whose free runs do not, or by the
+    /// refit.
     pub(crate) fn refuse_divergence(mut self) -> Self {
         let JudgeSettings { most_refused: mut tries, most_unknown, .. } = self.ready.problem.settings.judge;
         while let Some(name) = self.unbounded().map(|record| record.name.clone()) {
@@ -108,8 +110,8 @@ impl<'a> Explained<'a> {
             found.candidates.retain(|c| !all_same(&c.effects, &found.best.effects));
             tries -= 1;
             let cheaper = |c: &&Candidate| tries > 0 && !c.effects.is_empty() && c.priced < self.refitted.cost;
-            // The fit starts from the refit, because the linear parameters of the diverging explanation compensate for
-            // it.
+            // The fit starts from the refit, because the linear parameters of the diverging explanation compensate
+            // for its effects.
             let anew =
                 |c: &Candidate<'a>| polish(problem, Fit { effects: c.effects.clone(), ..self.refitted.as_fit() });
             let next = found.candidates.iter().find(cheaper).map(anew);
@@ -122,8 +124,8 @@ impl<'a> Explained<'a> {
     }
 
     /// Replaces an explanation that leaves most of the gap on held-out records by the refit, if no record shows the
-    /// noise level and the inputs do not predict what the refit leaves. A refit may follow the records only beyond the
-    /// stated limits. An explanation that does so within them is kept.
+    /// noise level and the inputs do not predict the residual of the refit. A refit may be able to follow the records
+    /// only beyond the stated limits. An explanation that follows them within the limits is kept.
     pub(crate) fn refuse_fits_to_noise(mut self) -> Self {
         let Prepared { problem, widened, quiet, .. } = &self.ready;
         let without = self.refitted.as_fit();
@@ -152,7 +154,8 @@ impl<'a> Explained<'a> {
     }
 
     /// Replaces the explanation by one that the fitted records cannot distinguish from it, and that predicts the
-    /// held-out records much better: stops on both sides, of which only the held-out record reaches the other one.
+    /// held-out records much better. An example is a pair of stops, of which only the held-out record reaches the
+    /// second.
     pub(crate) fn refuse_outdone(mut self) -> Self {
         let (problem, best) = (&self.ready.problem, &self.found.best);
         if self.ready.held_out.is_empty() || self.free_shape.is_some() || best.effects.is_empty() {
@@ -185,8 +188,8 @@ impl<'a> Explained<'a> {
             && self.opened_left(&self.predicting()) > settings.judge.most_left
     }
 
-    /// Returns the amplitude that a fit leaves of the opened records beyond the noise, over that of the simulation
-    /// within its limits.
+    /// Returns the remaining amplitude of the opened records beyond the noise with a fit, over that with the
+    /// simulation within its limits.
     fn opened_left(&self, fit: &Fit) -> f64 {
         let floor = floor(self, &self.ready.noise.rms());
         let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0).sqrt();
@@ -194,8 +197,8 @@ impl<'a> Explained<'a> {
         beyond(self.opened_gap(&fit.eta, &fit.effects)) / beyond(self.opened_gap(&within, &[])).max(f64::MIN_POSITIVE)
     }
 
-    /// Replaces the explanation by the one of these fits that predicts the held-out records best, if it leaves less
-    /// than half of their gap. Explanations with a lower price are refuted with the present one.
+    /// Replaces the explanation by the one of these fits that predicts the held-out records best, if that fit leaves
+    /// less than half of their gap. Explanations with a lower price are refuted together with the present one.
     pub(crate) fn or_later(mut self, fits: Vec<(Fit<'a>, Candidate<'a>)>) -> Self {
         let left = fits.into_iter().map(|(fit, candidate)| (self.opened_left(&fit), fit, candidate));
         let Some((left, fit, candidate)) = left.min_by(|a, b| a.0.total_cmp(&b.0)) else { return self };
@@ -212,10 +215,10 @@ impl<'a> Explained<'a> {
         self
     }
 
-    /// Replaces the explanation, if it predicts the held-out records worse than no effect, by the next one that
-    /// predicts them better. There may be none; the explanation then stands, and is not written into the simulation. If
-    /// an explanation leaves only noise, it is replaced only if it predicts the held-out records much worse: its law
-    /// may be wrong where they are louder.
+    /// Replaces the explanation by the next one that predicts the held-out records better, if the explanation
+    /// predicts them worse than no effect does. If there is no such explanation, the present one is kept, but it is
+    /// not written into the simulation. If the explanation leaves only noise, it is replaced only if it predicts the
+    /// held-out records much worse: its law may be wrong where they are louder.
     pub(crate) fn refuse_overfit(mut self) -> Self {
         if self.ready.held_out.is_empty() || self.unpredicted.is_some() || self.fit().effects.is_empty() {
             return self;
@@ -239,8 +242,8 @@ impl<'a> Explained<'a> {
         }
     }
 
-    /// Returns the first of the further explanations that predicts the held-out records better than no effect, if the
-    /// best one does not.
+    /// Returns the first of the further explanations that predicts the held-out records better than no effect does;
+    /// `None` if the best one already does, or if no other does.
     fn predictive(&self) -> Option<Fit<'a>> {
         let problem = &self.ready.problem;
         let JudgeSettings { no_worse, most_refused, outdone, .. } = problem.settings.judge;
@@ -259,7 +262,7 @@ impl<'a> Explained<'a> {
         further.take(most_refused).map(fitted).find(|fit| predicts(fit, no_worse))
     }
 
-    /// Replaces the explanation, and all that rank before no effect, by the refit.
+    /// Replaces the explanation by the refit, and removes all that rank before the explanation without effects.
     pub(super) fn retreat(&mut self, why: Refusal) {
         let without = self.refitted.as_fit();
         self.free_shape = None;
@@ -274,8 +277,8 @@ impl<'a> Explained<'a> {
     }
 }
 
-/// Returns the amplitude that a fit leaves of the fitted records beyond the noise, over that of the simulation within
-/// its limits. `noise` is the RMS of each output's noise.
+/// Returns the remaining amplitude of the fitted records beyond the noise with a fit, over that with the simulation
+/// within its limits. `noise` is the RMS of each output's noise.
 pub(crate) fn left(ready: &Prepared, refitted: &Refit, fit: &Fit, noise: &[f64]) -> f64 {
     let problem = &ready.problem;
     let within = refitted.within_limits(problem);

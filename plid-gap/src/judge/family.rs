@@ -15,8 +15,8 @@ pub struct Family {
 }
 
 impl Family {
-    /// Returns the family of an effect, with the probabilities of all explanations that have a member of it at the same
-    /// place.
+    /// Returns the family of an effect. Its confidence is the sum of the probabilities of all explanations that have
+    /// a member of the family at the same place.
     pub(crate) fn of(placed: &Placed, weighted: &[Weighted]) -> Option<Self> {
         let name = placed.effect.family()?.to_string();
         let has = |w: &&Weighted| w.effects.iter().any(|other| is_kin(placed, other));
@@ -35,7 +35,8 @@ fn is_kin(a: &Placed, b: &Placed) -> bool {
     a.place == b.place && (related || a.effect.name() == b.effect.name())
 }
 
-/// Returns the probability of all explanations that differ from this one at most by other members of the same families.
+/// Returns the sum of the probabilities of all explanations that differ from this one at most in other members of the
+/// same families.
 pub(crate) fn with_kin(effects: &[Placed], weighted: &[Weighted]) -> f64 {
     let kin = |w: &&Weighted| {
         w.effects.len() == effects.len() && effects.iter().all(|a| w.effects.iter().any(|b| is_kin(a, b)))
@@ -69,7 +70,7 @@ mod tests {
         assert_eq!(family.name, "dry friction");
         assert!((family.confidence - 0.5).abs() < 1e-12);
         assert!((with_kin(&[named], &all) - 0.5).abs() < 1e-12);
-        // An effect without a family has only itself.
+        // An effect without a family is compared by name only.
         let gain = at("actuator-gain", Place::Input(0));
         assert_eq!(Family::of(&gain, &all), None);
         assert!(with_kin(&[gain], &all).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! Gaps: RMS(y - y_sim) / RMS(y) over all outputs, each scaled to unit RMS.
+//! Gaps: RMS(y - y_sim) / RMS(y) over all outputs, each output scaled to unit RMS.
 
 use rand::RngExt;
 use rand::SeedableRng;
@@ -12,10 +12,10 @@ const BLOCKS: usize = 24;
 /// Number of draws of a bootstrap.
 const DRAWS: usize = 400;
 
-/// Standard deviation with which the logarithm of an output's power scatters between records of one level.
+/// Standard deviation of the logarithm of an output's power between records of one level.
 const OUTPUT_SCATTER: f64 = 0.2;
 
-/// Standard deviation of the exponent with which the power of an output grows with level^2, about 1.
+/// Prior standard deviation of the exponent of level^2 in the power of an output; the prior mean is 1.
 const EXPONENT_STD: f64 = 0.5;
 
 /// Squared errors and squared outputs, for each output and each block.
@@ -80,8 +80,8 @@ pub fn shrink(before: f64, after: f64, floor: f64) -> f64 {
     if given > 0.0 { 1.0 - beyond(after) / given } else { 0.0 }
 }
 
-/// Returns the 95 % interval of a function of several gaps over draws of blocks of the record, the same blocks for all
-/// of them.
+/// Returns the 95 % interval of a function of several gaps by a bootstrap over blocks of the record, with the same
+/// blocks for all gaps.
 pub fn drawn<const K: usize>(simulated: [&Blocks; K], figure: impl Fn([f64; K]) -> f64) -> [f64; 2] {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let count = simulated.first().map_or(0, |first| first.error[0].len());
@@ -91,7 +91,7 @@ pub fn drawn<const K: usize>(simulated: [&Blocks; K], figure: impl Fn([f64; K]) 
     }))
 }
 
-/// Returns how often a statement about several gaps is true over draws of blocks of the record.
+/// Returns the share of bootstrap draws of blocks of the record for which a statement about several gaps is true.
 pub fn how_often<const K: usize>(simulated: [&Blocks; K], is: impl Fn([f64; K]) -> bool) -> f64 {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let count = simulated.first().map_or(0, |first| first.error[0].len());
@@ -117,17 +117,18 @@ pub fn of_driven(records: &[Record], simulated: &[Channels]) -> f64 {
     Blocks::joined(blocks).map_or(0.0, |blocks| blocks.gap())
 }
 
-/// Returns the gap to expect on a record of a level like `level`, from fitted ones. Each output's error power is
-/// modelled as a + b level^2 over all records, and the power of the simulated output as c level^q over the random ones,
-/// where q is about 2 unless the records show otherwise, as those of a plant that saturates do. The measured output at
-/// a low level contains more noise than that. One record of a lightly damped structure scatters by a tenth.
+/// Returns the gap to expect on a record of this level, from the fitted records. Each output's error power is
+/// modelled as a + b level^2 over all records, and the power of the simulated output as c level^q over the random
+/// ones, if there are any. The exponent q is about 2 unless the records indicate otherwise, as those of a plant that
+/// saturates do. The simulated output is used because the measured one contains relatively more noise at a low level.
+/// The output of a lightly damped structure scatters by a tenth from record to record.
 pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
     let p = records[0].y.len();
     let periodic = |record: &Record| matches!(record.excitation, Excitation::Periodic(_));
     let random = records.iter().any(|record| record.is_driven() && !periodic(record));
     let power = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>();
     let share = |o: usize| -> f64 {
-        // Sums over records of weight, level^2, level^4, error power and error power x level^2.
+        // Sums over records of the weight, weight x level^2, weight x level^4, error power, and error power x level^2.
         let mut sums = [0.0; 5];
         let mut outputs = Vec::new();
         for (record, simulated) in records.iter().zip(simulated) {
@@ -159,8 +160,8 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
     ((0..p).map(share).sum::<f64>() / p as f64).sqrt()
 }
 
-/// Returns the power of an output at a level, from the weight, the logarithm of level^2 and that of the output's power
-/// of each record. Its exponent is expected to be that of a linear plant.
+/// Returns the power of an output at a level. Each record contributes its weight, the logarithm of level^2, and the
+/// logarithm of the output's power. The prior mean of the exponent is that of a linear plant.
 fn output_power(outputs: &[(f64, f64, f64)], level: f64) -> f64 {
     let weight: f64 = outputs.iter().map(|(w, ..)| w).sum();
     if weight == 0.0 {
@@ -180,7 +181,7 @@ pub fn floor(noise: &[f64], y: &[Vec<f64>]) -> f64 {
     floor_over(noise, &[y])
 }
 
-/// Returns the same over several records, each of p channels.
+/// Returns the gap of noise alone over several records, each of p channels.
 pub fn floor_over(noise: &[f64], records: &[&[Vec<f64>]]) -> f64 {
     let size = |o: usize| rms(records.iter().flat_map(|y| y[o].iter().filter(|y| y.is_finite())));
     let share = |o: usize| (noise[o] / size(o).max(f64::MIN_POSITIVE)).powi(2);
@@ -191,8 +192,8 @@ pub fn floor_over(noise: &[f64], records: &[&[Vec<f64>]]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Noise of one size at two levels is a large part of the measured output at the lower one, but that says nothing
-    /// about the output of the louder record.
+    /// Noise of one size at two levels is a large part of the measured output at the lower level, but that has no
+    /// bearing on the output of the louder record.
     #[test]
     fn noise_is_expected_beside_the_output_of_the_level_that_is_asked_for() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -212,8 +213,8 @@ mod tests {
         assert!((stated / truth - 1.0).abs() < 0.02, "{stated} {truth}");
     }
 
-    /// The output of a plant that saturates hardly grows with the level, so an error of one size stays as large beside
-    /// it.
+    /// The output of a plant that saturates hardly grows with the level, so an error of constant size remains an
+    /// equal share of it.
     #[test]
     fn the_output_of_a_plant_that_saturates_does_not_grow_with_the_level() {
         let error = crate::testing::random_input(1, 4000, 1).remove(0);

@@ -1,11 +1,11 @@
-//! How a size grows with the level of the inputs from record to record.
+//! The growth of a size with the level of the inputs from record to record.
 
 /// Returns whether the largest of these levels is more than `factor` times the smallest.
 pub fn differ(levels: impl Iterator<Item = f64> + Clone, factor: f64) -> bool {
     levels.clone().fold(0.0, f64::max) > factor * levels.fold(f64::INFINITY, f64::min)
 }
 
-/// Returns the exponent of the level in a power law of a size, by least squares over the logarithms of the level and
+/// Returns the exponent of a power law of a size in the level, by least squares over the logarithms of the level and
 /// the size of each record. Sizes of zero are left out. `None` if fewer than two records are left, or if the squared
 /// distances of the levels' logarithms from their mean sum to less than `spread`.
 pub fn exponent(records: impl Iterator<Item = (f64, f64)>, spread: f64) -> Option<f64> {

@@ -1,9 +1,9 @@
-//! Held-out records: whether the effects simulate them better than a refit alone, beyond chance.
+//! The evidence of held-out records: whether the effects simulate them better than a refit alone, beyond chance.
 //!
 //! With r0 and r1 the whitened residuals of refit and explanation, the gain |r0|^2 - |r1|^2 (twice the log likelihood
-//! ratio) has the mean -delta^2 if the refit is right and +delta^2 if the explanation is. Its standard deviation is
-//! 2 delta in both cases, where delta is the norm of r0 - r1. This also holds for an effect that acts at a few instants
-//! only, for which the scatter between blocks of the record is not informative.
+//! ratio) has the mean -delta^2 if the refit is right and +delta^2 if the explanation is right. Its standard
+//! deviation is 2 delta in both cases, where delta is the norm of r0 - r1. This also holds for an effect that acts at
+//! a few instants only, for which the scatter between blocks of the record is not informative.
 
 use crate::case::record::Record;
 use crate::effects::Action;
@@ -24,8 +24,9 @@ pub struct HeldOut {
 }
 
 impl HeldOut {
-    /// Returns whether the explanation fails where it should show, since a right one gains a quarter of the square of
-    /// the standard deviation; or whether it worsens the fit by more than chance, however little it was to show.
+    /// Returns whether the records refute the explanation. They do if it gains too little although a right one would
+    /// gain a quarter of the squared standard deviation, or if it worsens the fit beyond chance, however small the
+    /// expected gain.
     pub fn refutes(&self, settings: &JudgeSettings) -> bool {
         let JudgeSettings { held_out_gain, held_out_power, .. } = *settings;
         let chance = held_out_gain * self.deviation;
@@ -33,7 +34,7 @@ impl HeldOut {
     }
 }
 
-/// Returns the gain of the second simulation over the first on all records together; `None` without records.
+/// Returns the gain of the simulation with effects over the refit on all records together; `None` without records.
 pub fn held_out(
     records: &[Record],
     noise: &NoiseModel,
@@ -55,7 +56,7 @@ pub fn held_out(
         apart += r0.iter().zip(&r1).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
         rows += r0.len();
     }
-    // The residual of the better one beyond the noise adds to the scatter as noise does.
+    // A residual of the better simulation beyond the noise adds to the scatter as noise does.
     let blur = (before.min(after) / rows.max(1) as f64).max(1.0);
     (rows > 0).then(|| HeldOut { gain: before - after, deviation: 2.0 * (apart * blur).sqrt() })
 }
@@ -69,9 +70,9 @@ mod tests {
         let of = |gain: f64, deviation: f64| HeldOut { gain, deviation }.refutes(&JudgeSettings::default());
         // A right explanation of delta = 50 gains 2500 with a standard deviation of 100; a wrong one loses 2500.
         assert!(!of(2500.0, 100.0) && of(-2500.0, 100.0) && of(200.0, 100.0));
-        // With delta = 2 nothing can be said.
+        // With delta = 2, no conclusion is possible.
         assert!(!of(-4.0, 4.0));
-        // A loss of 20 refutes a gain of 4 with a standard deviation of 4.
+        // A loss of 20 refutes an explanation with an expected gain of 4 and a standard deviation of 4.
         assert!(of(-20.0, 4.0));
     }
 }

@@ -1,4 +1,4 @@
-//! An experiment as the best explanation predicts it, and how well it would separate that from a rival.
+//! The prediction of an experiment by the best explanation, and the expected separation from a rival.
 
 use nalgebra::DMatrix;
 
@@ -12,7 +12,7 @@ use crate::noise::NoiseModel;
 use crate::noise::whiten::Whitener;
 use crate::simulate::{Fineness, simulate};
 
-/// Expected log likelihood ratio of an experiment between the best explanation and a rival.
+/// The expected separation of the best explanation from a rival by an experiment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Separation {
     /// The expected log likelihood ratio.
@@ -67,15 +67,15 @@ pub(super) fn imagined(problem: &Problem, noise: &NoiseModel, best: &Fit, experi
     Some(Imagined { problem: made, peaks })
 }
 
-/// Returns the variance of a new sensor. It is taken to be as good as the others: its noise has the median of their
-/// ratios of noise to signal.
+/// Returns the noise variance of a new sensor. The new sensor is assumed to be as good as the others: its ratio of
+/// noise to signal is the median of theirs.
 fn new_noise(noise: &NoiseModel, y: &[Vec<f64>]) -> f64 {
     let mut ratios: Vec<f64> =
         noise.rms().iter().zip(y).map(|(noise, y)| noise / rms(y)).filter(|x| x.is_finite()).collect();
     ratios.sort_by(f64::total_cmp);
     let ratio = ratios.get(ratios.len() / 2).copied().unwrap_or(1.0);
     let own = ratio * y.last().map_or(0.0, rms);
-    // A sensor of no noise would tell everything.
+    // A sensor without noise would separate all explanations.
     (own * own).max(f64::MIN_POSITIVE)
 }
 
@@ -87,7 +87,7 @@ fn bounded(y: &[Vec<f64>], peaks: &[f64]) -> bool {
     y.iter().zip(peaks).all(|(y, &peak)| !y.iter().any(|&y| diverges(y, peak)))
 }
 
-/// Returns linear parameters for a plant that may have one output more, whose shapes are as given.
+/// Returns the linear parameters for a plant that may have one more output, at which the shapes are as given.
 fn carried(from: &Nuisance, to: &Nuisance, eta: &[f64]) -> Vec<f64> {
     let mut carried = vec![0.0; to.len()];
     for k in 0..from.of_simulation() {
@@ -115,8 +115,8 @@ pub(super) fn known(problem: &Problem, fit: &Fit) -> Option<DMatrix<f64>> {
 }
 
 impl Imagined {
-    /// Returns how well the experiment separates a rival from the best explanation. `of` has the linear parameters of
-    /// the records, and `known` their information on the rival's parameters.
+    /// Returns the separation of a rival from the best explanation by this experiment. `of` describes the linear
+    /// parameters of the fit to the records, and `known` is the information of the records on the rival's parameters.
     pub fn separation(&self, of: &Nuisance, rival: &Fit, known: &DMatrix<f64>) -> Separation {
         let problem = &self.problem;
         let eta = carried(of, &problem.nuisance, &rival.eta);
@@ -139,7 +139,7 @@ impl Imagined {
         if gain.is_finite() { Separation::By(gain.max(0.0)) } else { Separation::Diverges }
     }
 
-    /// Returns the information on a rival's parameters, and on the shapes of a new output within the usual limits.
+    /// Returns the prior information on a rival's parameters, with the usual limits for the shapes at a new output.
     fn prior(&self, of: &Nuisance, known: &DMatrix<f64>) -> DMatrix<f64> {
         let own = &self.problem.nuisance;
         let (before, after) = (of.of_simulation(), own.of_simulation());

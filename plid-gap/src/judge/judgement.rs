@@ -29,7 +29,7 @@ pub struct Judgement<'j, 'a> {
     pub actions: Vec<Action>,
     /// Gaps on the records that are opened at the end.
     pub gaps: Gap,
-    /// The evidence of held-out records; `None` if it has no effects.
+    /// The evidence of the held-out records; `None` if there are none or if the explanation has no effects.
     pub held_out: Option<HeldOut>,
     /// Its free runs of the opened records.
     pub simulated: Blocks,
@@ -43,9 +43,10 @@ pub struct Judgement<'j, 'a> {
     pub weighted: Vec<Weighted<'a>>,
     /// The verdict.
     pub verdict: Verdict,
-    /// Probability of "nothing" or of "something else", whichever is the verdict, before calibration.
+    /// Probability before calibration that nothing is missing, if that is the verdict; otherwise that of "something
+    /// else".
     pub before: f64,
-    /// The states that the simulation lacks, if no effect explains the records as well as they do.
+    /// The states that the simulation lacks, if no effect explains the records as well as further states do.
     pub lacking: Option<LackingStates>,
 }
 
@@ -76,9 +77,9 @@ impl<'j, 'a> Judgement<'j, 'a> {
         };
         let mut weighted =
             weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
-        // Quiet records are evidence independently of free runs.
+        // Quiet records are evidence that is independent of free runs.
         let shown = shown(explained, stochastic, rules).into_iter().map(|u| (u, squared_gap(explained, u)));
-        // Where the simulation is off in many small ways, a stochastic effect as small as these is not a cause.
+        // If the simulation is off in many small ways, a stochastic effect as small as these is not a cause.
         let least = if ready.widened.is_some() { config.material.powi(2) } else { 0.0 };
         let (shown, squared_gaps): (Vec<_>, Vec<f64>) = shown.filter(|(_, squared)| *squared >= least).unzip();
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
@@ -110,19 +111,19 @@ impl<'j, 'a> Judgement<'j, 'a> {
     }
 }
 
-/// Returns the probability of something else in view of held-out records. An effect that does not simulate them better
-/// than a refit alone does not act there.
+/// Returns the probability of something else in view of the held-out records. An effect that does not simulate them
+/// better than a refit alone does not act there.
 fn unknown(explained: &Explained, gaps: &Gap, shares: &[Share], held_out: Option<HeldOut>, material: f64) -> f64 {
     let Explained { ready, found, judged, .. } = explained;
     let settings = &ready.problem.settings.judge;
     let fails = !ready.off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes(settings));
     let imperfect = ready.widened.is_some() && !found.best.effects.is_empty();
-    // Effects that widen the gap on held-out records by a material part explain nothing, however well they fit the
-    // others.
+    // Effects that widen the gap on the held-out records by a material amount explain nothing, however well they fit
+    // the other records.
     let grown =
         !found.best.effects.is_empty() && gaps.with_effect.powi(2) - gaps.within_limits.powi(2) > material.powi(2);
-    // Held-out records that are as loud as the fitted ones say what is left better than these do: a change over time
-    // may have hardly begun in the fitted records.
+    // Held-out records that are as loud as the fitted ones measure the remainder better than these do: in the fitted
+    // records, a change over time may hardly have begun.
     let loudest = loudest(&ready.problem.records, ready.problem.settings.case.same_level);
     let told = are_like(&ready.held_out, loudest, ready.problem.settings.case.same_level)
         && explained.refused.is_empty()
@@ -138,15 +139,15 @@ fn unknown(explained: &Explained, gaps: &Gap, shares: &[Share], held_out: Option
     }
 }
 
-/// Returns whether one effect by itself makes most of the gap as given, of which little is left. A refit may close as
-/// much as a cause that it imitates.
+/// Returns whether one effect by itself makes most of the gap as given, and little of that gap is left. A refit may
+/// close as much as a cause that it imitates.
 fn makes_most(gaps: &Gap, shares: &[Share], settings: &JudgeSettings) -> bool {
     let least = settings.most_left * gaps.beyond_noise(gaps.as_given);
     gaps.left_of_given() < settings.given_left && shares.iter().any(|share| share.made.sqrt() > least)
 }
 
-/// Gives "nothing is missing" the probability of something else, except the least one, where that makes no material
-/// gap.
+/// Moves the probability of something else, except its least value, to "nothing is missing". This applies if the gap
+/// is immaterial.
 fn put_nothing_first(weighted: &mut Vec<Weighted>, settings: &JudgeSettings) {
     let Some(unknown) = weighted.iter_mut().find(|explanation| explanation.unknown) else { return };
     let moved = (unknown.probability - settings.least_unknown).max(0.0);
@@ -158,16 +159,16 @@ fn put_nothing_first(weighted: &mut Vec<Weighted>, settings: &JudgeSettings) {
     weighted.sort_by(|a, b| b.probability.total_cmp(&a.probability));
 }
 
-/// Returns whether the first explanation with effects, together with those that differ from it only by other members of
-/// the same families, is more probable than this.
+/// Returns whether the first explanation with effects, together with those that differ from it only in other members
+/// of the same families, is more probable than this value.
 fn kin_is_more_probable(weighted: &[Weighted], probability: f64) -> bool {
     let first = weighted.iter().find(|w| !w.unknown);
     first.is_some_and(|first| !first.effects.is_empty() && with_kin(&first.effects, weighted) > probability)
 }
 
 fn verdict(explained: &Explained, weighted: &[Weighted], squared_gaps: &[f64], gaps: &Gap, material: f64) -> Verdict {
-    // If a simulation within its limits leaves less than a material gap, and stochastic effects make no more, nothing
-    // matters, whatever closes the rest.
+    // If the simulation within its limits leaves less than a material gap, and stochastic effects make less than one,
+    // nothing material is missing, whatever would close the rest.
     let noise: f64 = squared_gaps.iter().sum();
     let immaterial = explained.ready.widened.is_some()
         && gaps.beyond_noise(gaps.within_limits) < material
@@ -176,7 +177,7 @@ fn verdict(explained: &Explained, weighted: &[Weighted], squared_gaps: &[f64], g
         Some(_) if immaterial => Verdict::None,
         Some(top) if top.unknown && !kin_is_more_probable(weighted, top.probability) => Verdict::Unknown,
         Some(top) if !top.unknown && top.effects.is_empty() => Verdict::None,
-        // Stochastic effects are not a part of the gap, which may be small although they matter.
+        // Stochastic effects are not part of the gap, so they may matter although the gap is small.
         Some(_) if squared_gaps.is_empty() && gaps.as_given < material => Verdict::None,
         Some(_) => Verdict::Effects,
         None => Verdict::Unknown,

@@ -1,10 +1,10 @@
 //! Whether the simulation has too few states.
 //!
-//! In a plant without lightly damped modes, a state that the simulation lacks has no name: gains, lags and delays
-//! imitate it. Linear models with as many states as the simulation and with one or two more are identified from the
-//! fitted records, by a subspace method and an output-error refinement. If one with more states leaves much less of
-//! the held-out records than the one with as many, and than the best explanation by linear effects, a state is
-//! lacking.
+//! In a plant without lightly damped modes, the vocabulary has no name for a state that the simulation lacks: gains,
+//! lags and delays imitate it. Linear models with as many states as the simulation and with one or two more are
+//! identified from the fitted records, by a subspace method and an output-error refinement. A state is lacking if a
+//! model with more states leaves much less of the gap on the held-out records than the model with as many states, and
+//! than the best explanation by linear effects.
 
 use plid_model::Model;
 
@@ -53,7 +53,7 @@ pub(crate) fn lacking_states(explained: &Explained, gaps: &Gap, material: f64) -
     })
 }
 
-/// Identifies a linear model of the fitted records; `None` if they do not determine one.
+/// Identifies a linear model from the fitted records; `None` if they do not determine one.
 fn identified(problem: &Problem, states: usize) -> Option<Model> {
     let driven = problem.records.iter().filter(|record| record.is_driven()).collect();
     let arrays = Arrays::new(driven, |record| &record.y);

@@ -1,4 +1,4 @@
-//! The location of the gap: output x band x time x level, each share with its interval.
+//! The location of the gap by output, band, time and level, each share with its interval.
 
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
@@ -21,8 +21,8 @@ pub const BANDS: usize = 24;
 /// Number of stretches of time over all records.
 pub const STRETCHES: usize = 8;
 
-/// Number of blocks in each stretch of a record for the bootstrap. In records of a few thousand samples, a block is
-/// longer than a resonance rings.
+/// Number of bootstrap blocks in each stretch of time. In records of a few thousand samples, a block is longer than
+/// the decay of a resonance.
 const BLOCKS: usize = 8;
 
 /// Number of draws of the bootstrap.
@@ -33,7 +33,7 @@ const DRAWS: usize = 400;
 pub struct Estimate {
     /// The value from all records.
     pub value: f64,
-    /// The interval from draws of blocks of the records.
+    /// The interval from a bootstrap over blocks of the records.
     pub ci95: [f64; 2],
 }
 
@@ -48,7 +48,7 @@ pub struct LevelGap {
     pub gap: Estimate,
 }
 
-/// The map of a gap. Shares are of the squared gap beyond the noise, each output scaled to unit RMS.
+/// The map of a gap. The shares are those of the squared gap beyond the noise, with each output scaled to unit RMS.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Map {
     /// Edges of the bands in Hz ([`BANDS`] + 1).
@@ -63,7 +63,8 @@ pub struct Map {
     pub bands: Vec<Estimate>,
     /// Share of each stretch of time.
     pub stretches: Vec<Estimate>,
-    /// The gap of each driven random record; if those have one level, of each driven periodic one.
+    /// The gap of each driven random record, or of each driven periodic one if only these differ in level or none is
+    /// random.
     pub levels: Vec<LevelGap>,
     /// Slope of the logarithm of the gap over that of the level, over the records whose gap exceeds the noise.
     pub slope: Option<Estimate>,
@@ -84,8 +85,9 @@ pub fn errors(ready: &Prepared) -> Vec<Channels> {
         .collect()
 }
 
-/// Computes the map with intervals by a block bootstrap: in each stretch of time of each record, as many blocks are
-/// drawn as there are. The settings say which levels are one level, and from which spread of them a slope is stated.
+/// Computes the map, with intervals from a block bootstrap: from each stretch of time of each record, as many blocks
+/// are drawn with replacement as it contains. The settings define which levels count as one, and the least spread of
+/// levels for which a slope is stated.
 pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f64, settings: &GapSettings) -> Map {
     let edges: Vec<f64> = (0..=BANDS).map(|k| 0.5 * rate * k as f64 / BANDS as f64).collect();
     let blocks = blocks(records, errors, noise, &edges);
@@ -101,14 +103,14 @@ pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f6
     };
     let indices = of_levels(records, settings.case.same_level);
     let levels: Vec<LevelGap> = indices.iter().map(|&index| level(index)).collect();
-    // A gap that chance may hide in the noise has no place on a logarithmic scale.
+    // A gap that is not significantly above the noise has no place on a logarithmic scale.
     let clear = levels.iter().zip(&indices).filter(|(level, _)| level.gap.ci95[0] > 0.0);
     let clear: Vec<(usize, f64)> = clear.map(|(level, &index)| (index, level.level)).collect();
     let spread = settings.judge.level_spread;
     let slope = whole
         .slope(&clear, spread)
         .map(|value| Estimate { value, ci95: middle(drawn.iter().filter_map(|sums| sums.slope(&clear, spread))) })
-        // Without a draw that has a slope, its uncertainty is unknown.
+        // If no draw has a slope, the uncertainty is unknown.
         .filter(|slope| slope.ci95.iter().all(|end| end.is_finite()));
     Map {
         outputs: (0..whole.share.nrows()).map(|o| row(|sums| &sums.share, o)).collect(),
@@ -132,7 +134,7 @@ struct Block {
     output: f64,
 }
 
-/// Divides all records into blocks, each output scaled to unit RMS.
+/// Divides all records into blocks, with each output scaled to unit RMS.
 fn blocks(records: &[Record], errors: &[Channels], noise: &NoiseModel, edges: &[f64]) -> Vec<Block> {
     let p = records[0].y.len();
     let finite = |y: &&f64| y.is_finite();
@@ -194,7 +196,7 @@ fn bands(x: &[f64]) -> Vec<Vec<f64>> {
     (0..BANDS).map(within).collect()
 }
 
-/// Draws how often each block counts: as many blocks as each stretch of each record has, with repetition.
+/// Draws the count of each block: from each stretch of each record, as many blocks as it contains, with replacement.
 fn draw(blocks: &[Block], rng: &mut ChaCha8Rng) -> Vec<f64> {
     let mut counts = vec![0.0; blocks.len()];
     let mut from = 0;
@@ -207,7 +209,7 @@ fn draw(blocks: &[Block], rng: &mut ChaCha8Rng) -> Vec<f64> {
     counts
 }
 
-/// Sums over blocks.
+/// The shares and sums over blocks, each counted as often as it was drawn.
 struct Sums {
     share: DMatrix<f64>,
     time: DMatrix<f64>,
@@ -257,8 +259,8 @@ impl Sums {
     }
 }
 
-/// Returns the records that show how the gap depends on the level. All are random or all are periodic, because the gap
-/// of a periodic response is a different one.
+/// Returns the indices of the records that show how the gap depends on the level. They are either all random or all
+/// periodic, because the gap of a periodic response is not comparable with that of a random one.
 fn of_levels(records: &[Record], same_level: f64) -> Vec<usize> {
     let driven = |periodic: bool| -> Vec<usize> {
         let kind = |r: &Record| matches!(r.excitation, Excitation::Periodic(_)) == periodic;

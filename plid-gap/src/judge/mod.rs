@@ -1,5 +1,5 @@
 //! The conclusions from the fits: whether the explanation suffices, what the records can separate, how far the gap
-//! shrinks, and which experiment would tell more.
+//! shrinks, and which experiment would be most informative next.
 
 pub(crate) mod calibration;
 pub(crate) mod crossed;

@@ -1,12 +1,13 @@
-//! The next experiment: the one that would best separate the remaining explanations, by expected information.
+//! The next experiment: the one that is expected to separate the remaining explanations best.
 //!
 //! Each possible experiment with this setup is judged by each pair of the best explanation and a rival. The rival was
-//! fitted to the prediction of the records by the best explanation (`separability.rs`). It is now fitted to the
-//! prediction of the experiment, with the information of those records on its parameters as prior. The whitened part
-//! that it cannot follow is twice the expected log likelihood ratio (Box and Hill 1967, with the noise known).
+//! fitted to the prediction of the records by the best explanation (`separability.rs`). The rival is now fitted to
+//! the prediction of the experiment, with the information of those records on its parameters as prior. The squared
+//! norm of the whitened part that it cannot follow is twice the expected log likelihood ratio (Box and Hill 1967,
+//! with the noise known).
 //!
-//! An experiment in which the free run of the best explanation or of a rival diverges is never proposed: nobody knows
-//! what it would measure, and it might damage the plant.
+//! An experiment in which the free run of the best explanation or of a rival diverges is never proposed: its outcome
+//! cannot be predicted, and it might damage the plant.
 
 use nalgebra::DMatrix;
 use plid_report::Cell;
@@ -24,7 +25,7 @@ use crate::noise::NoiseModel;
 use crate::settings::JudgeSettings;
 use crate::words::likelihood;
 
-/// Returns the next experiment in words with its predicted gain; `None` if nothing is open.
+/// Returns the next experiment in words with its predicted gain; `None` if no question is open.
 pub fn next_experiment<'a>(
     explained: &Explained<'a>,
     weighted: &[Weighted<'a>],
@@ -88,7 +89,7 @@ impl<'q, 'a> Asked<'q, 'a> {
         let imagined = imagined(self.problem, self.noise, self.best, experiment)?;
         let mut least = f64::INFINITY;
         for (rival, known) in self.rivals.iter().zip(&self.known) {
-            // Records that do not determine a rival's parameters promise nothing.
+            // If the records do not determine a rival's parameters, no gain can be promised.
             let Some(known) = known else { return Some(0.0) };
             match imagined.separation(&self.problem.nuisance, rival, known) {
                 Separation::By(gain) => least = least.min(gain),
@@ -98,8 +99,8 @@ impl<'q, 'a> Asked<'q, 'a> {
         Some(least)
     }
 
-    /// Judges experiments and returns those without a diverging run, the best first. Among those that separate about
-    /// equally well, the simplest, which comes first in the list, is first.
+    /// Judges experiments and returns those without a diverging run, the best first. If several separate about as
+    /// well as the best one, the simplest of them, which comes first in the list, is put first.
     fn judged(&self, experiments: Vec<Experiment>) -> Vec<Judged> {
         let one = |experiment: Experiment| Some(Judged { gain: self.gain(&experiment)?, experiment });
         let mut judged: Vec<Judged> = experiments.into_par_iter().filter_map(one).collect();
@@ -111,8 +112,8 @@ impl<'q, 'a> Asked<'q, 'a> {
         judged
     }
 
-    /// Returns the best experiment: with the present sensors, if need be longer, and if need be with one more sensor at
-    /// a declared port. `None` if a run diverges in each that has an input.
+    /// Returns the best experiment. The present sensors and the usual length are tried first, then a longer record,
+    /// and then one more sensor at a declared port. `None` if a run diverges in every experiment that has an input.
     fn best(&self) -> Option<Judged> {
         let JudgeSettings { experiment_samples: samples, experiment_longer, experiment_best, separable, .. } =
             *self.settings();
@@ -141,9 +142,9 @@ impl<'q, 'a> Asked<'q, 'a> {
         Some(all.swap_remove(0))
     }
 
-    /// Returns an experiment with one more sensor at each declared port whose motion no output shows. There is none for
-    /// an explanation with a mode whose shape at a new sensor is not known, nor where the error of the simulation at
-    /// the new sensor is not known.
+    /// Returns an experiment with one more sensor at each declared port whose motion no output shows. The list is
+    /// empty if an explanation has a mode whose shape at the new sensor is unknown, or if the error of the simulation
+    /// at the new sensor is unknown.
     fn with_sensors(&self, experiment: &Experiment) -> Vec<Experiment> {
         let plant = &self.problem.plant;
         let all = || self.rivals.iter().chain([self.best]).flat_map(|fit| &fit.effects);
@@ -154,7 +155,7 @@ impl<'q, 'a> Asked<'q, 'a> {
         lacking.map(|port| experiment.with_sensor(port, &plant.ports[port].name)).collect()
     }
 
-    /// States the best experiment. `from` names the explanations that it distinguishes.
+    /// States the best experiment. `from` names the explanations that the experiment distinguishes.
     fn proposal(&self, from: &str) -> String {
         let Some(Judged { gain, experiment }) = self.best() else {
             return format!(
@@ -182,7 +183,7 @@ impl<'q, 'a> Asked<'q, 'a> {
     }
 }
 
-/// Proposes an experiment by rule: if something outside the vocabulary acts, no model predicts its behaviour elsewhere.
+/// Proposes an experiment by rule: if the cause is outside the vocabulary, no model predicts its behaviour elsewhere.
 fn by_rule(explained: &Explained) -> String {
     let records = &explained.ready.problem.records;
     let levels = records.iter().filter(|r| r.is_driven()).map(Record::level);
@@ -234,7 +235,8 @@ mod tests {
         Fit { eta, effects, cost: 0.0, residual, covariance, converged: true }
     }
 
-    /// A cubic stiffness at the first port that is this share of the static stiffness at the RMS of the motion.
+    /// Returns a fit with a cubic stiffness at the first input, whose stiffness at the RMS of the motion is this
+    /// share of the static one.
     fn cubic(problem: &Problem, share: f64) -> Fit<'static> {
         let setting = &problem.setting;
         fit(problem, &CubicStiffness, Place::Input(0), &[share * setting.stiffness[0] / setting.d_rms[0].powi(2)])
@@ -245,7 +247,7 @@ mod tests {
         all.find(|experiment| experiment.words.contains(words)).unwrap_or_else(|| panic!("no {words}"))
     }
 
-    /// A spring that softens pulls the structure apart at four times the level. Such an experiment is never proposed,
+    /// A softening spring tears the structure apart at four times the level. Such an experiment is never proposed,
     /// whether the softening spring is the rival or the best explanation.
     #[test]
     fn an_experiment_in_which_an_explanation_diverges_is_not_proposed() {
@@ -268,7 +270,7 @@ mod tests {
         assert!(said.starts_with("No experiment that was tested to distinguish a from b is safe"), "{said}");
     }
 
-    /// An offset and a drift differ without any input. So small a drift takes the longer record.
+    /// An offset and a drift differ even without input. The smaller drift requires the longer record.
     #[test]
     fn a_quiet_record_is_proposed_and_is_as_long_as_it_has_to_be() {
         let ready = ready();
@@ -281,7 +283,7 @@ mod tests {
             (asked.gain(&of_words(problem, "without input")).unwrap(), asked.proposal("a drift from an offset"))
         };
         let (gain, _) = proposed(1e-5);
-        // The expected figure grows with the square of the drift.
+        // The expected gain grows with the square of the drift.
         let (short, long) = (1e-5 * (20.0 / gain).sqrt(), 1e-5 * (3.0 / gain).sqrt());
         let said = proposed(short).1;
         assert!(
@@ -292,7 +294,8 @@ mod tests {
         assert!(said.starts_with("Record without input: 8000 samples (5.00 s) are expected"), "{said}");
     }
 
-    /// If all records were slow, no other level of theirs moves the resonances as a multisine or a chirp does.
+    /// If all records are slow, their inputs do not excite the resonances at any level, but a multisine or a chirp
+    /// does.
     #[test]
     fn a_signal_that_reaches_the_modes_is_proposed_where_the_records_do_not() {
         let mut ready = ready();
@@ -319,7 +322,7 @@ mod tests {
         let start = Clearance.starts(&problem.setting, &Place::Input(0)).remove(0);
         let (best, rival) = (cubic(problem, 1e-4), [fit(problem, &Clearance, Place::Input(0), &start)]);
         let mut asked = Asked::new(problem, &ready.noise, &best, &rival);
-        // The records say nothing about the rival, so it can follow as far as its shape allows.
+        // The records contain almost no information on the rival, so it can follow as far as its shape allows.
         asked.known = vec![asked.known[0].clone().map(|known| known * 1e-6)];
         let loud = of_words(problem, "four times");
         let more = asked.with_sensors(&loud);

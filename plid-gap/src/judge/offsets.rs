@@ -11,10 +11,10 @@ use crate::effects::{Effect, Place, SensorOffset};
 use crate::fit::free_run::outputs;
 use crate::fit::problem::{Fit, Placed, Problem};
 
-/// Number of blocks of each record whose means tell how certain the mean of all is.
+/// Number of blocks of each record. The scatter of their means gives the uncertainty of the overall mean.
 const BLOCKS: usize = 8;
 
-/// Returns the offset of each output that an explanation leaves in all driven records together, where it is certain.
+/// Returns the offset of each output that an explanation leaves in all driven records together, if it is significant.
 pub fn offsets<'a>(problem: &Problem, fit: &Fit) -> Vec<Placed<'a>> {
     let simulated = outputs(problem, &fit.eta, &fit.effects);
     let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.is_driven());
@@ -40,7 +40,7 @@ pub(crate) fn placed<'a>(output: usize, offset: f64) -> Placed<'a> {
     Placed { effect: &SensorOffset, place: Place::Output(output), parameters: vec![offset] }
 }
 
-/// Returns the mean of at least three values, and its size in standard deviations.
+/// Returns the mean of at least three values, and its magnitude in standard deviations of the mean.
 fn certain_mean(values: &[f64]) -> Option<(f64, f64)> {
     let count = values.len() as f64;
     if count < 3.0 {
@@ -73,7 +73,7 @@ mod tests {
         let mut case = testing::case(&sim, &sim);
         for record in &mut case.records {
             record.y[1].iter_mut().for_each(|y| *y += OFFSET);
-            // Missing samples count for nothing.
+            // Missing samples are ignored.
             record.y[1][100..400].fill(f64::NAN);
         }
         let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
@@ -81,7 +81,7 @@ mod tests {
         let found = offsets(&ready.problem, &fit);
         assert_eq!(found.iter().map(|placed| placed.place.clone()).collect::<Vec<_>>(), [Place::Output(1)]);
         assert!((found[0].parameters[0] / OFFSET - 1.0).abs() < 0.05, "{:?}", found[0].parameters);
-        // With it in place nothing is left.
+        // With this offset in place, nothing is left.
         assert!(offsets(&ready.problem, &Fit { effects: found, ..fit }).is_empty());
     }
 }

@@ -1,12 +1,12 @@
-//! How much of the residual of an explanation can be predicted from the inputs at all.
+//! The part of an explanation's residual that can be predicted from the inputs.
 //!
-//! The residual of a sound simulation is noise: its own past predicts a part of it, and the inputs add nothing to that.
-//! An effect that is missing is a function of the inputs, so with them the residual is predicted better than from its
-//! past alone (Granger, *Econometrica* 37, 1969, 424). Two predictors of the next value are compared by
+//! The residual of a sound simulation is noise: its own past predicts a part of it, and the inputs add nothing to
+//! this prediction. A missing effect is a function of the inputs, so with the inputs the residual is predicted better
+//! than from its past alone (Granger, *Econometrica* 37, 1969, 424). Two predictors of the next value are compared by
 //! cross-validation over blocks of the records: a linear one of past residuals, and one that also has polynomials of
 //! the inputs, the motion of the ports and the simulated outputs, as in a polynomial NARX model (Billings, *Nonlinear
 //! System Identification*, 2013, chapter 2). A residual that is sampled much faster than it changes is predicted from
-//! its own past, whatever its cause, so the prediction reaches further ahead there.
+//! its own past, whatever its cause, so the prediction reaches further ahead in that case.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -20,46 +20,46 @@ use crate::plant::Plant;
 use crate::prepare::port_motion;
 use crate::settings::JudgeSettings;
 
-/// Fewest and most past values of the residual from which the next one is predicted. In between it is the order of the
-/// simulation.
+/// Smallest and largest number of past values of the residual from which the next one is predicted. Between these
+/// limits, the number is the order of the simulation.
 const PAST: [usize; 2] = [12, 40];
 
-/// Steps of the prediction, in samples. The first is taken at which the past leaves enough of the residual.
+/// Steps of the prediction, in samples. The first step at which the past leaves enough of the residual is taken.
 const STEPS: [usize; 7] = [1, 2, 4, 8, 16, 32, 64];
 
 /// Share of the residual's power that its past must leave unpredicted.
 const LEFT_BY_PAST: f64 = 0.1;
 
-/// Delays in steps with which the inputs enter.
+/// Delays of the inputs, in steps.
 const INPUT_DELAYS: [usize; 2] = [0, 1];
 
-/// Delays in steps with which the simulated outputs enter.
+/// Delays of the simulated outputs, in steps.
 const OUTPUT_DELAYS: [usize; 4] = [0, 1, 3, 7];
 
-/// Most signals of the polynomials. Without the delayed ones, three inputs with ports and three outputs are twelve
-/// signals with 258 polynomials. There are 440 of sixteen.
+/// Largest number of signals in the polynomials. Without the delayed ones, three inputs with ports and three outputs
+/// give twelve signals, which have 258 polynomials. Sixteen signals have 440.
 const MOST_SIGNALS: usize = 16;
 
 /// Number of signals up to which delayed ones are added.
 const ENOUGH_SIGNALS: usize = 9;
 
-/// Most samples that are used, of all records together.
+/// Largest number of samples that are used, over all records together.
 const MOST_SAMPLES: usize = 8000;
 
 /// Number of blocks. Each is predicted from the others.
 const BLOCKS: usize = 8;
 
-/// Fewest samples in a block, over the number of past values.
+/// Smallest number of samples in a block, over the number of past values.
 const SAMPLES_PER_PAST: usize = 3;
 
-/// Penalties on the squared coefficients of the polynomials, of which the one that predicts best is taken.
+/// Penalties on the squared coefficients of the polynomials. The one that predicts best is taken.
 const PENALTIES: [f64; 6] = [1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0];
 
 /// Penalty on the other coefficients. It only keeps the equations regular.
 const REGULAR: f64 = 1e-10;
 
-/// The share of the innovations of a residual that the inputs predict, by which they reduce the squared error of its
-/// prediction.
+/// The share of the innovations of a residual that the inputs predict: the relative reduction of the squared
+/// prediction error by the inputs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Predictability {
     /// The share. It is below zero if the inputs only disturb the prediction.
@@ -69,7 +69,7 @@ pub struct Predictability {
 }
 
 impl Predictability {
-    /// Returns the share that the inputs may predict: the estimate and two standard deviations.
+    /// Returns the share that the inputs may predict: the estimate plus two standard deviations.
     pub fn at_most(self) -> f64 {
         self.share.max(0.0) + 2.0 * self.std
     }
@@ -78,7 +78,8 @@ impl Predictability {
 /// The residual of an explanation that counts as noise because the inputs do not predict it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unpredicted {
-    /// The share of its innovations that the inputs may predict, at the output where that is largest.
+    /// The share of its innovations that the inputs may predict: the largest over the outputs, or the mean weighted
+    /// by the squared gaps.
     pub at_most: f64,
     /// Its RMS at each output, over all driven records.
     pub rms: Vec<f64>,
@@ -99,8 +100,9 @@ impl Unpredicted {
         })
     }
 
-    /// Returns the residual of a fit if `of_all` outputs the inputs predict little. Its arguments are the share that
-    /// they may predict at each output, and the squared gap of each output.
+    /// Returns the residual of a fit if the inputs predict little of it over all outputs, as `of_all` combines them.
+    /// The arguments of `of_all` are the share that the inputs may predict at each output, and the squared gap of
+    /// each output.
     fn if_at_most(problem: &Problem, fit: &Fit, of_all: impl Fn(&[f64], &[f64]) -> f64) -> Option<Self> {
         let settings = &problem.settings.judge;
         let simulated = outputs(problem, &fit.eta, &fit.effects);
@@ -135,7 +137,7 @@ impl Unpredicted {
         least_unknown + (most_unknown - least_unknown) * doubt
     }
 
-    /// Returns whether it hides an effect: the steps of a converter that are smaller than this noise.
+    /// Returns whether this noise hides an effect: the steps of a converter that are smaller than the noise.
     pub fn hides(&self, placed: &Placed) -> bool {
         match (placed.effect.observed_in(), &placed.place) {
             (Observation::Quantisation, Place::Output(o)) => placed.parameters[0] < self.rms[*o],
@@ -193,14 +195,14 @@ struct Driven<'r> {
     residual: Channels,
 }
 
-/// A value of the residual, and its regressors: past values, a constant, and the polynomials.
+/// A value of the residual and its regressors: past values, a constant, and the polynomials.
 struct Row {
     value: f64,
     regressors: Vec<f64>,
 }
 
 impl Driven<'_> {
-    /// Returns the signals of the polynomials, each with its delay: first all of them without delay.
+    /// Returns the signals of the polynomials, each with its delay. Those without delay come first.
     fn signals(&self) -> Vec<(&[f64], usize)> {
         let mut signals: Vec<(&[f64], usize)> = Vec::new();
         for turn in 0..INPUT_DELAYS.len().max(OUTPUT_DELAYS.len()) {
@@ -216,8 +218,9 @@ impl Driven<'_> {
         signals
     }
 
-    /// Returns the polynomials of the first samples: the signals, their magnitudes, their direction, their products of
-    /// two, and of three of which two are equal. A signal of unit RMS is used before it begins with its first value.
+    /// Returns the polynomials at each of the first samples: the signals, their magnitudes, their directions, the
+    /// products of two signals, and the products of three of which at least two are equal. The signals are scaled to
+    /// unit RMS, and continued backwards with their first value.
     fn polynomials(&self, samples: usize, step: usize) -> Vec<Vec<f64>> {
         let signals: Vec<Vec<f64>> = self
             .signals()
@@ -247,8 +250,8 @@ impl Driven<'_> {
             .collect()
     }
 
-    /// Returns the rows of an output with so many past values at a step, of the first samples, with the polynomials if
-    /// `all`. Rows that need a missing sample are left out.
+    /// Returns the rows of an output for the first samples. Each has `past` past values at intervals of `step`, and
+    /// the polynomials if `all`. Rows that need a missing sample are left out.
     fn rows(&self, (output, past, step): (usize, usize, usize), samples: usize, all: bool) -> Vec<Row> {
         let (measured, residual) = (&self.record.y[output], &self.residual[output]);
         let polynomials = if all { self.polynomials(samples, step) } else { Vec::new() };
@@ -262,14 +265,14 @@ impl Driven<'_> {
     }
 }
 
-/// Returns the normal equations of all blocks; `None` with too few rows.
+/// Returns the normal equations of all blocks; `None` if there are too few rows.
 fn blocks(rows: &[Row], past: usize) -> Option<Vec<Normal>> {
     let each = rows.len() / BLOCKS;
     (each >= SAMPLES_PER_PAST * past).then(|| rows.chunks(each).take(BLOCKS).map(Normal::of).collect())
 }
 
-/// Compares the errors of the predictor from the past with those of the one that also knows the polynomials. The first
-/// `known` coefficients belong to both.
+/// Compares the errors of the predictor from the past with those of the predictor that also has the polynomials. The
+/// first `known` coefficients belong to both.
 fn compared(alone: &[f64], blocks: &[Normal], known: usize) -> Option<Predictability> {
     let total = |errors: &[f64]| errors.iter().sum::<f64>();
     let with = PENALTIES.map(|penalty| errors(blocks, known, penalty));
@@ -304,8 +307,8 @@ impl Normal {
     }
 }
 
-/// Returns the squared error of each block, predicted with the coefficients that the other blocks give. All but the
-/// first `known` coefficients are penalised, each in the scale of its regressor.
+/// Returns the squared error of each block, predicted with coefficients that are fitted to the other blocks. All but
+/// the first `known` coefficients are penalised, each in the scale of its regressor.
 fn errors(blocks: &[Normal], known: usize, penalty: f64) -> Vec<f64> {
     let count = blocks[0].product.len();
     let mut whole = (DMatrix::zeros(count, count), DVector::zeros(count));
@@ -321,7 +324,7 @@ fn errors(blocks: &[Normal], known: usize, penalty: f64) -> Vec<f64> {
             square[(i, i)] += scale * if i < known { REGULAR } else { penalty.max(REGULAR) };
         }
         let coefficients = square.cholesky().map(|factor| factor.solve(&product));
-        // Without a solution nothing is predicted.
+        // Without a solution, nothing is predicted.
         coefficients.map_or(block.power, |coefficients| block.error(&coefficients))
     };
     blocks.iter().map(without).collect()
@@ -336,8 +339,8 @@ mod tests {
     use crate::simulate::{Fineness, simulate};
     use crate::testing;
 
-    /// The residual of a law grows with the level of the inputs, and noise does not. Records of about one level do not
-    /// show which it is.
+    /// The residual of a missing law grows with the level of the inputs, and noise does not. Records of about one
+    /// level do not show whether a residual grows.
     #[test]
     fn noise_does_not_grow_with_the_level() {
         for (records, grows) in [

@@ -1,7 +1,7 @@
-//! Stochastic effects where no record shows the noise alone and the residual of driven records counts as noise.
+//! Stochastic effects if no record shows the noise alone and the residual of driven records counts as noise.
 //!
-//! The residual also contains what no effect of the vocabulary describes. An effect is stated only if it accounts for
-//! most of the residual, and a noisy sensor only if its noise does not depend on the motion.
+//! The residual also contains errors that no effect of the vocabulary describes. An effect is stated only if it
+//! accounts for most of the residual, and a noisy sensor only if its noise does not depend on the motion.
 
 use crate::case::record::Record;
 use crate::effects::{Library, Observation, Place};
@@ -12,7 +12,8 @@ use crate::judge::shrink::floor;
 use crate::judge::stochastic_gap::squared_gap;
 use crate::search::stochastic::{Stochastic, stochastic_effects};
 
-/// Returns whether a stochastic effect stands. One that is not observed in a residual always does.
+/// Returns whether a stochastic effect is kept. It always is if it is not observed in a residual, or if the residual
+/// does not count as noise.
 pub fn stands(explained: &Explained, stochastic: &Stochastic) -> bool {
     match (stochastic.placed.effect.observed_in(), &stochastic.placed.place) {
         _ if explained.unpredicted.is_none() => true,
@@ -30,19 +31,19 @@ fn is_most(explained: &Explained, stochastic: &Stochastic) -> bool {
     squared_gap(explained, stochastic) > 0.5 * floor(explained, &unpredicted.rms).powi(2)
 }
 
-/// Returns whether a sensor accounts for most of the residual, with far more noise than is declared.
+/// Returns whether a sensor accounts for most of the residual, with a much larger noise than the declared one.
 fn is_noisy(explained: &Explained, stochastic: &Stochastic) -> bool {
     let Place::Output(o) = stochastic.placed.place else { return false };
     let problem = &explained.ready.problem;
     let least = problem.settings.judge.residual_noisier * explained.ready.declared_sensor[o];
-    // Nothing but other sensors shows by how much all of them are misjudged together.
+    // Only a comparison with other sensors reveals whether the noise of all sensors is misjudged by a common factor.
     problem.plant.p > 1 && stochastic.placed.parameters[0] > least && is_most(explained, stochastic)
 }
 
 impl<'a> Explained<'a> {
-    /// Returns the explanation with its residual as the noise of the records if it counts as noise, and the stochastic
-    /// effects that are found in it. Something else is at work if the residual looks like that of a noisy sensor and
-    /// grows with the motion.
+    /// Returns the explanation, with its residual as the noise of the records if the residual counts as noise, and
+    /// the stochastic effects that are found in the residual. If the residual looks like that of a noisy sensor but
+    /// grows with the motion, something outside the vocabulary is at work.
     pub(crate) fn with_noise_of_residual(
         mut self,
         library: &'a Library,
@@ -86,8 +87,8 @@ impl<'a> Explained<'a> {
     }
 }
 
-/// Returns whether the squared residual of an output is correlated with the square of the simulated output. The
-/// noise of a sensor is independent of what it measures; an error in the gain or in the time of single samples is not.
+/// Returns whether the squared residual of an output is correlated with the square of the simulated output. The noise
+/// of a sensor is independent of the measured motion; errors in the gain or in the timing of single samples are not.
 fn grows_with_motion(explained: &Explained, output: usize) -> bool {
     let problem = &explained.ready.problem;
     let fit = explained.predicting();
@@ -118,7 +119,7 @@ mod tests {
     use crate::testing;
 
     /// Without a quiet record, a noisy sensor is named beside small imperfections that no effect explains. Noise in
-    /// proportion to the output is not that of a sensor.
+    /// proportion to the output is not sensor noise.
     #[test]
     fn a_sensor_is_noisy_if_its_noise_does_not_follow_the_motion() {
         for (follows, verdict) in [(false, Verdict::Effects), (true, Verdict::Unknown)] {

@@ -1,11 +1,11 @@
 //! Separability: whether these records can distinguish two explanations.
 //!
 //! [`crate::search::overlap`] answers to first order, before any fit. Here each rival is fitted, together with the
-//! linear parameters, to the noise-free prediction of the same records by the best explanation. The part that the rival
-//! cannot follow is the difference in log likelihood that these records are expected to make ([`rivals`]).
+//! linear parameters, to the noise-free prediction of the same records by the best explanation. The part that the
+//! rival cannot follow gives the difference in log likelihood that these records are expected to make ([`rivals`]).
 //!
-//! A cosine alone is misleading: the energy times the remaining share counts, and the energy of a gap of a few per cent
-//! is some ten thousand times that of a sample's noise.
+//! A cosine alone is misleading, because the product of the energy and the remaining share counts. The energy of a
+//! gap of a few per cent is some ten thousand times that of the noise of a sample.
 
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem};
 use crate::settings::JudgeSettings;
 use crate::simulate::Fineness;
 
-/// A fit of a rival. It need not be more accurate than the comparison.
+/// The effort of a fit of a rival. The fit need not be more accurate than the comparison.
 const NEARLY: Effort = Effort { steps: 6, gain: 0.2, fineness: Fineness::COARSE };
 
 /// Records as an explanation predicts them, without noise, and the fit of the explanation to them.
@@ -25,16 +25,16 @@ pub struct Predicted<'a> {
     /// The explanation as it was fitted to the measured records.
     pub truth: Fit<'a>,
     jacobian: Jacobian,
-    /// Its own cost on its prediction.
+    /// The explanation's own cost on its prediction.
     own: f64,
 }
 
 impl<'a> Predicted<'a> {
-    /// Predicts the records by `truth`, a fit to `problem`.
+    /// Predicts the records by `truth`, which is a fit to `problem`.
     pub fn new(problem: &Problem, truth: &Fit<'a>) -> Self {
         let problem = predicted(problem, &truth.eta, &truth.effects);
         let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &truth.eta));
-        // Its own linear parameters are pulled towards their prior as a rival's are.
+        // The linear parameters of the truth are pulled towards their prior, as those of a rival are.
         let own = problem.fit(&jacobian, &truth.eta, &truth.effects, NEARLY).cost;
         Self { problem, truth: truth.clone(), jacobian, own }
     }
@@ -69,7 +69,7 @@ pub(crate) fn predicted(problem: &Problem, eta: &[f64], effects: &[Placed]) -> P
     Problem { records, ..problem.clone() }
 }
 
-/// An explanation in comparison with the best one.
+/// An explanation that is compared with the best one.
 pub struct Rival<'a> {
     /// Its effects as they were fitted to the records.
     pub effects: Vec<Placed<'a>>,
@@ -81,8 +81,9 @@ pub struct Rival<'a> {
     pub realised: f64,
 }
 
-/// Returns the candidates that are nearest to the best explanation, compared with it. The explanation of no effect has
-/// no rivals, because each candidate contains it. `best` are the effects of the best explanation, without a free shape.
+/// Returns the candidates that are nearest to the best explanation, compared with it. The explanation without effects
+/// has no rivals, because each candidate contains it. `best` are the effects of the best explanation, without a free
+/// shape.
 pub fn rivals<'a>(predicted: &Predicted<'a>, best: &[Placed], candidates: &[Candidate<'a>]) -> Vec<Rival<'a>> {
     let Some(own) = candidates.iter().find(|candidate| all_same(&candidate.effects, best)) else { return Vec::new() };
     if best.is_empty() {
@@ -110,8 +111,9 @@ pub fn rivals<'a>(predicted: &Predicted<'a>, best: &[Placed], candidates: &[Cand
         .collect()
 }
 
-/// Returns the rivals that the records cannot separate from the best explanation: they are not expected to, and did
-/// not. A rival with fewer effects has been refuted by the search, and one with more is not another cause.
+/// Returns the rivals that the records cannot separate from the best explanation: neither the expected nor the
+/// realised difference is large enough. A rival with fewer effects has been refuted by the search, and one with more
+/// is not another cause.
 pub fn open<'r, 'a>(
     rivals: &'r [Rival<'a>],
     best: &[Placed],
@@ -138,7 +140,7 @@ mod tests {
     use crate::search::overlap::{Overlap, overlap};
     use crate::testing;
 
-    /// White noise of a known size, a simulation without free parameters, and records of a sound simulation.
+    /// Returns a problem with white noise and records of a sound simulation, and the standard deviation of the noise.
     fn problem(limits: &Limits, samples: usize) -> (Problem, f64) {
         let model = testing::truss(8);
         let case = testing::case(&model, &model);
@@ -160,14 +162,15 @@ mod tests {
         problem.fit(&jacobian, &vec![0.0; problem.nuisance.len()], std::slice::from_ref(placed), NEARLY)
     }
 
-    /// Returns the change of the whitened outputs of the simulation as given by an effect.
+    /// Returns the change of the whitened outputs of the simulation as given that an effect causes.
     fn trace(problem: &Problem, placed: &Placed) -> Vec<f64> {
         let zero = vec![0.0; problem.nuisance.len()];
         let run = |effects: &[Placed]| problem.residual(&problem.plant, &zero, effects, Fineness::COARSE);
         run(&[]).iter().zip(&run(std::slice::from_ref(placed))).map(|(a, b)| a - b).collect()
     }
 
-    /// A constant follows a straight line except for its slope: N (N^2 - 1) / 12 samples squared.
+    /// A constant follows a straight line except for its slope: the remaining squares sum to N (N^2 - 1) / 12 samples
+    /// squared.
     #[test]
     fn an_offset_follows_a_drift_as_far_as_a_mean_follows_a_line() {
         const N: usize = 2048;
@@ -192,7 +195,8 @@ mod tests {
         assert!(predicted.expected(&predicted.fit(&[drift])) < 1e-6);
     }
 
-    /// Cubic stiffness with a gap of this multiple of the noise, compared with clearance.
+    /// Compares a cubic stiffness that makes this relative gap with a clearance. Returns the cosine, the expected
+    /// difference to first order and after a fit, and whether the question is open.
     fn cubic_and_clearance(gap: f64) -> (f64, f64, f64, bool) {
         let (mut problem, _) = problem(&Limits::default(), 2000);
         let input = Place::Input(0);
@@ -218,7 +222,7 @@ mod tests {
             each.for_each(|((y, bare), with)| *y += with - bare);
         }
         let best = fit(&problem, &cubic);
-        // Clearances of the same initial size, with each width.
+        // Clearances of all initial widths, with the size adapted to the cubic stiffness.
         let jacobian = problem.jacobian(&problem.plant);
         let starts = Clearance.starts(&problem.setting, &input);
         let own = trace(&problem, &cubic);
@@ -243,12 +247,12 @@ mod tests {
         (overlap.cosine[(0, 1)], overlap.expected[(0, 1)], expected, is_open)
     }
 
-    /// Close in angle at any size, and separated by the size alone.
+    /// The two are close in angle at any size, and only a large gap separates them.
     #[test]
     fn a_gap_parts_what_a_cosine_does_not() {
         for (gap, parted) in [(0.0003, false), (0.01, true)] {
             let (cosine, before, expected, is_open) = cubic_and_clearance(gap);
-            // A clearance of free width comes nearer than one with the width of the screen.
+            // A clearance of free width comes nearer than one with the width from the screen.
             assert!(before > expected, "{gap}: {before} {expected}");
             assert!(cosine > 0.9, "{gap}: {cosine}");
             assert_eq!(

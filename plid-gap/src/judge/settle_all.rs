@@ -11,7 +11,8 @@ use crate::simulate::Fineness;
 
 const ALL: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::FINE };
 
-/// Fits the best explanation to all records; `None` if nothing was held out, or if it fits worse than before.
+/// Fits the best explanation to all records; `None` if nothing was held out, or if the gap with the new fit is larger
+/// than with the present one.
 pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'a>>)> {
     let ready = &explained.ready;
     let fit = explained.predicting();
@@ -22,7 +23,7 @@ pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'
     let records: Vec<_> = problem.records.iter().chain(&ready.held_out).cloned().collect();
     let mut whiteners = problem.whiteners.clone();
     whiteners.extend(ready.held_out.iter().map(|record| {
-        // Missing samples count for nothing.
+        // Missing samples are masked.
         let missing = |y: &Vec<f64>| (0..y.len()).filter(|&k| !y[k].is_finite()).collect();
         Whitener::new(record, &ready.noise, problem.plant.rate, record.y.iter().map(missing).collect())
     }));
@@ -30,7 +31,7 @@ pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'
     let mut nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
     nuisance.std[..modes].copy_from_slice(&problem.nuisance.std[..modes]);
     nuisance.ports_follow = problem.nuisance.ports_follow;
-    // Fitted initial states come first; those of the added records begin at rest.
+    // The fitted initial states come first; those of the added records start at zero.
     let mut eta = fit.eta.clone();
     eta.resize(nuisance.len(), 0.0);
     let all = Problem { records, whiteners, nuisance, ..problem.clone() };

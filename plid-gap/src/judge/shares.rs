@@ -9,32 +9,34 @@ use crate::judge::shrink::{blocks, floor, opened};
 use crate::plant::Plant;
 use crate::simulate::Fineness;
 
-/// A fit without one of the effects.
+/// The effort of a fit without one of the effects.
 const WITHOUT: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
 /// The share of an effect on the opened records.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Share {
-    /// Share of the squared gap beyond noise and the simulation within its limits.
+    /// Share of the squared gap beyond the noise, relative to the simulation within its limits.
     pub value: f64,
-    /// Interval from draws of blocks of the opened records.
+    /// The interval from a bootstrap over blocks of the opened records.
     pub ci95: [f64; 2],
-    /// Squared gap that it makes: what it closes, or, in an imperfect simulation, what it closes of the gap as given by
-    /// itself or opens if it alone is removed, whichever is less, where that is more.
+    /// Squared gap that it makes: the one that it closes. In an imperfect simulation, this is at least the smaller of
+    /// two squared gaps: the one that it closes by itself in the simulation as given, and the one that opens if it
+    /// alone is removed.
     pub made: f64,
-    /// Remaining amplitude with the effect, over that with the gap that it makes, both beyond the noise.
+    /// Remaining amplitude with the effect, over the amplitude that includes the gap that the effect makes, both
+    /// beyond the noise.
     pub left: f64,
 }
 
-/// Returns the share of each effect of the best explanation, in order. `plant` and `actions` are the simulation with
-/// all of them; `within` is the simulation without any, within its limits. Without an effect, the others and the linear
+/// Returns the share of each effect of the best explanation, in order. `with` are the free runs with all of them;
+/// `within` is the simulation without effects, within its limits. To remove an effect, the others and the linear
 /// parameters are fitted again. The linear parameters stay within their limits: a frequency that is off by more is an
 /// effect and must not hide another one.
 ///
-/// Where the simulation is imperfect, what an effect makes may be far more than what it closes, because a refit takes
-/// its place: a damping ratio that is off by a quarter, or a joint in records of one level. A small effect that no
-/// refit can imitate would then lead. Without any refit, the main cause closes most of the gap as given by itself, and
-/// opens as much if it alone is removed.
+/// If the simulation is imperfect, an effect may make a much larger gap than it closes, because a refit can imitate
+/// it: a damping ratio that is off by a quarter, or a joint in records of one level. A small effect that no refit can
+/// imitate would then lead. Without any refit, the main cause closes most of the gap as given by itself, and opens as
+/// much if it alone is removed.
 pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share> {
     let problem = &explained.ready.problem;
     let fit = explained.fit();
@@ -64,7 +66,7 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
         let all = (limits * limits - floor * floor).max(closed);
         if all > 0.0 { closed / all } else { 0.0 }
     };
-    // The gap that effects leave in the simulation as given.
+    // Returns the gap that effects leave in the simulation as given.
     let alone = |those: &[usize]| {
         let own: Vec<Placed> = those.iter().map(|&which| named[which].clone()).collect();
         blocks(&opened, &problem.plant, &problem.actions(&own)).gap()
@@ -93,12 +95,13 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
     shares
 }
 
-/// Gives the share of laws at one place that replace each other to one of them.
+/// Assigns the joint share of laws at one place that can replace each other to one of them.
 ///
-/// Two laws at one place may be one law of another shape. Either of them then replaces most of the other, and neither
-/// closes much beside it. The one that the search found first explains most alone, and its share is that of both
-/// together. A linear one does not lead: what it leaves beside a nonlinear law shows that the law is nonlinear. Of
-/// linear ones only, such as a gain and a lag, the one leads that closes most of the gap as given.
+/// Two laws at one place may represent one law of another shape. Either of them then replaces most of the other, and
+/// neither closes much in addition to the other. The law that the search found first explains most alone, and it
+/// receives the share of both together. A linear law does not lead: the part that only the nonlinear law closes shows
+/// that the law is nonlinear. If all are linear, such as a gain and a lag, the law leads that closes most of the gap
+/// as given.
 fn give_to_leaders(
     shares: &mut [Share],
     named: &[Placed],
@@ -119,7 +122,8 @@ fn give_to_leaders(
     }
 }
 
-/// Returns the numbers of the effects of one side of the signal path that are at one place, where there are several.
+/// Returns the indices of effects at one place on one side of the signal path, for each such group with several
+/// members.
 fn groups(effects: &[Placed]) -> Vec<Vec<usize>> {
     let alike = |a: &Placed, b: &Placed| a.place == b.place && a.effect.side() == b.effect.side();
     let group = |first: usize| -> Vec<usize> {
@@ -136,8 +140,9 @@ mod tests {
     use crate::effects::Library;
     use crate::testing;
 
-    /// A damping ratio that is off by more than its limit comes before a lag of a twentieth of a sample. It closes less
-    /// beyond the refit than the lag does, because the refit may change the damping ratio, but not the lag.
+    /// A damping ratio that is off by more than its limit comes before a lag of a twentieth of a sample. The damping
+    /// ratio closes less beyond the refit than the lag does, because the refit may change the damping ratio, but not
+    /// the lag.
     #[test]
     fn a_cause_that_a_refit_imitates_comes_before_a_small_effect() {
         let sim = testing::truss(1);

@@ -1,4 +1,4 @@
-//! How much: how far the gap shrinks on held-out records.
+//! The reduction of the gap on held-out records.
 
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +22,7 @@ use crate::simulate::Fineness;
 /// Largest number of steps of the refit without bounds.
 const FREE_STEPS: usize = 12;
 
-/// How much more the simulation with its effects closes than another model on the same samples.
+/// The reduction of the gap by the effects relative to another model, on the same samples.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShrinkOver {
     /// The other model.
@@ -35,14 +35,14 @@ pub struct ShrinkOver {
     pub ci95: [f64; 2],
 }
 
-/// The gaps and how far they shrink.
+/// The gaps and their reductions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gap {
     /// Gap of the simulation as given.
     pub as_given: f64,
     /// Gap after the bounded refit.
     pub refit: f64,
-    /// Gap after the bounded refit, as far as it stays within the limits.
+    /// Gap after the bounded refit with its parameters clipped to the limits.
     #[serde(default)]
     pub within_limits: f64,
     /// Gap after a linear refit without bounds.
@@ -57,7 +57,7 @@ pub struct Gap {
     pub shrink_ci95: [f64; 2],
     /// Shrink relative to the bounded refit: 1 - `with_effect` / `refit`, both beyond `noise_floor`.
     pub shrink_over_refit: f64,
-    /// Shrink by a reference effect (a wrong effect with as many parameters), minus that of the bounded refit.
+    /// Shrink by a reference effect (a wrong effect with as many parameters), minus the shrink by the bounded refit.
     pub placebo_shrink: f64,
     /// Shrink by the effects relative to the bounded refit, to a linear refit without bounds and, if there is one, to
     /// the reference effect.
@@ -68,16 +68,19 @@ pub struct Gap {
     /// Its 95 % interval.
     #[serde(default)]
     pub share_of_ceiling_ci95: [f64; 2],
-    /// Gap with which each fitted record is predicted by the others, stated before any held-out record was opened.
+    /// Gap with which the fitted records are predicted from one another, at full level. It is stated before any
+    /// held-out record is opened.
     #[serde(default)]
     pub crossed_gap: f64,
-    /// Gap to expect on a further record like the last one at full level: `crossed_gap`, times what the held-out
-    /// records left over what was expected of them at their level, if they are long enough.
+    /// Gap to expect on a further record like the last one at full level. If the held-out records are long enough,
+    /// this is `crossed_gap` times the ratio of the gap that they left to the gap expected at their level; otherwise
+    /// `crossed_gap`.
     pub predicted_held_out_gap: f64,
     /// Its 80 % interval.
     #[serde(default)]
     pub predicted_ci80: [f64; 2],
-    /// Names of the records on which these were measured: the held-out ones, or the fitted ones if none was held out.
+    /// Names of the records on which the gaps were measured: the held-out ones, or the loudest fitted one if none was
+    /// held out.
     pub measured_on: Vec<String>,
 }
 
@@ -95,18 +98,19 @@ impl Gap {
         (gap * gap - self.noise_floor * self.noise_floor).max(0.0).sqrt()
     }
 
-    /// Returns the remaining amplitude beyond the noise, over that of the simulation within its limits.
+    /// Returns the remaining amplitude beyond the noise with the effects, over that of the simulation within its
+    /// limits.
     pub fn left(&self) -> f64 {
         self.beyond_noise(self.with_effect) / self.beyond_noise(self.within_limits).max(f64::MIN_POSITIVE)
     }
 
-    /// Returns the remaining amplitude beyond the noise, over that of the simulation as given.
+    /// Returns the remaining amplitude beyond the noise with the effects, over that of the simulation as given.
     pub fn left_of_given(&self) -> f64 {
         self.beyond_noise(self.with_effect) / self.beyond_noise(self.as_given).max(f64::MIN_POSITIVE)
     }
 }
 
-/// Measures the gaps on held-out records, or on the loudest driven one if nothing is held out. `plant` and `actions`
+/// Measures the gaps on the held-out records, or on the loudest fitted one if none is held out. `plant` and `actions`
 /// are the simulation with the effects.
 pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &Plant, limits: &Limits) -> Gap {
     let Explained { ready, quick, refitted, found, .. } = explained;
@@ -121,7 +125,8 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let opened = opened(explained);
     let of = |plant: &Plant, actions: &[Action]| blocks(&opened, plant, actions);
     let given = of(ready.as_given(), &[]);
-    // Without its law, a model that was identified with it says little. A refit of the best linear model is that model.
+    // A model that was identified together with a law says little without that law. A refit of the best linear model
+    // is that model.
     let linear = |refit: &dyn Fn() -> Blocks| if ready.best_linear.is_some() { given.clone() } else { refit() };
     let refit_blocks = linear(&|| of(&refitted.plant, &[]));
     let with = of(plant, actions);
@@ -175,8 +180,8 @@ fn unless_diverged(blocks: Blocks) -> Option<Blocks> {
     blocks.gap().is_finite().then_some(blocks)
 }
 
-/// Returns the gap that the effects close over the gap that a flexible model closes, from the gaps as given, with the
-/// effects and of the flexible model.
+/// Returns the ratio of the gap that the effects close to the gap that a flexible model closes. The arguments are the
+/// gaps as given, with the effects and of the flexible model.
 fn share_of_ceiling([given, with, most]: [f64; 3], floor: f64) -> f64 {
     let most = gap::shrink(given, most, floor);
     if most > 0.0 { (gap::shrink(given, with, floor) / most).clamp(0.0, 1.0) } else { 1.0 }
@@ -201,24 +206,23 @@ pub(crate) fn opened<'e>(explained: &'e Explained) -> Vec<&'e Record> {
     }
 }
 
-/// Returns the gap of noise with these RMS on the opened records.
+/// Returns the gap of noise with these RMS values on the opened records.
 pub(crate) fn floor(explained: &Explained, rms: &[f64]) -> f64 {
     let opened = opened(explained);
     let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
     gap::floor_over(rms, &measured)
 }
 
-/// Returns free runs of records with the measured outputs.
+/// Returns the blocks of the measured outputs of records and of their free runs.
 pub(crate) fn blocks(records: &[&Record], plant: &Plant, actions: &[Action]) -> Blocks {
     let each = records.iter().map(|record| Blocks::new(&record.y, &run(plant, actions, record), 0));
     Blocks::joined(each.collect()).expect("at least one record is opened")
 }
 
-/// Fits for comparison only.
+/// The effort of fits for comparison only.
 const ROUGH: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
-/// Returns a wrong effect with as many parameters, from the lower half of the screen, in another part of the signal
-/// path.
+/// Fits a wrong effect with as many parameters, from the lower half of the screen, in another part of the signal path.
 fn reference_effect(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let first = found.best.effects.first()?;
     let wanted = first.parameters.len();
@@ -232,7 +236,7 @@ fn reference_effect(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Act
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
 }
 
-/// Returns the flexible model: the best explanation with the entries that would explain most of the remainder.
+/// Fits the flexible model: the best explanation with the entries that would explain most of the remainder.
 fn ceiling(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let JudgeSettings { ceiling_gain, ceiling_effects, .. } = problem.settings.judge;
     let mut effects = found.best.effects.clone();
@@ -253,8 +257,8 @@ mod tests {
     use crate::simulate::simulate;
     use crate::testing;
 
-    /// With a truth that is off in many ways (gains, cross-talk, more than the stated limits) in addition to one large
-    /// spring, the spring is named first and the remainder is stated as well.
+    /// With a real plant that deviates in many small ways (frequencies, damping ratios, a sensor gain, a clearance
+    /// and a delay) in addition to one large spring, the spring is named first and the remainder is stated as well.
     #[test]
     fn a_main_cause_is_named_beside_small_imperfections() {
         use crate::diagnose::diagnose;
@@ -296,7 +300,7 @@ mod tests {
         assert!(diagnosis.remainder.gap >= diagnosis.remainder.noise * 0.9, "{:?}", diagnosis.remainder);
     }
 
-    /// A record that begins in motion is followed from its start, although a spring stiffens.
+    /// The free run follows a record that begins in motion from its start, even with a stiffening spring.
     #[test]
     fn a_start_in_motion_is_found_with_an_effect_too() {
         let model = testing::truss(3);
@@ -308,7 +312,7 @@ mod tests {
             let square = |(a, b): (&f64, &f64)| (a - b) * (a - b);
             a.iter().flatten().zip(b.iter().flatten()).map(square).sum::<f64>().sqrt()
         };
-        // The spring stiffens until the gap is a fifth.
+        // The spring stiffens until the gap exceeds one fifth.
         let stiffening = (0..).map(|j| {
             let actions = CubicStiffness.act(&setting, &Place::Port(0), &[10_f64.powf(f64::from(j) / 4.0)]);
             let y = simulate(&plant, &actions, &u, 0.0, None, Fineness::FINE);

@@ -1,17 +1,17 @@
 //! The part of the signal path in which the gap arises, from the residual itself and not from the name of an effect.
 //!
-//! Each place of the signal path can only leave some residuals. The error of an actuator is a function of its command,
-//! sent through the column of its input. That of a sensor is in one output, and is a function of that output. The force
-//! of a joint is a function of its motion, sent through its port; and a wrong mode has the shapes of that mode.
-//! The functions are free here: static curves, hysteresis and earlier values (the free shapes of
-//! `effects/flexible.rs`), and factors of the modes' shapes at one input or one output. For each place, the share of
-//! the residual that it can explain in addition to the refit is computed by linear least squares. With one function of
-//! one channel, this share is a coherence (Bendat and Piersol 2010, 7.3); along the column of an input or of a port, it
-//! is the part of rank one.
+//! Each place of the signal path can only leave residuals of a certain form. The error of an actuator is a function
+//! of its command, sent through the column of its input. The error of a sensor is in one output, and is a function of
+//! that output. The force of a joint is a function of its motion, sent through its port. A wrong mode leaves a
+//! residual with the shapes of that mode. The functions are free here: static curves, hysteresis and past values (the
+//! free shapes of `effects/flexible.rs`), and factors of the modes' shapes at one input or one output. For each
+//! place, the share of the residual that it can explain in addition to the refit is computed by linear least squares.
+//! With one function of one channel, this share is a coherence (Bendat and Piersol 2010, 7.3); along the column of an
+//! input or of a port, it is the part of rank one.
 //!
-//! A side is clear if one of its places explains most of the residual and all places of the other sides leave much more
-//! of it. In closed loop, the controller responds to the errors of actuators and sensors, and these functions do not
-//! describe the result: only the other places are compared there, and no side is clear.
+//! A side is clear if one of its places explains most of the residual and all places of the other sides leave much
+//! more of it. In closed loop, the controller responds to the errors of actuators and sensors, and these functions do
+//! not describe the response. Only the other places are compared there, and no side is clear.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -38,16 +38,16 @@ pub struct PlaceShare {
     pub share: f64,
 }
 
-/// Most places that are listed.
+/// Largest number of places that are listed.
 const LISTED: usize = 8;
 
-/// Most lines that are tried as disturbances.
+/// Largest number of lines that are tried as disturbances.
 const MOST_TONES: usize = 4;
 
-/// Size of a free coefficient in its own unit for a derivative: a hundredth of the signal.
+/// Value of a free coefficient for a derivative, in the coefficient's own unit: a hundredth of the signal.
 const STEP: f64 = 1e-2;
 
-/// Relative addition to the diagonal of the normal matrix, because some columns are nearly equal.
+/// Relative addition to the diagonal of the normal matrix, which is needed because some columns are nearly equal.
 const RIDGE: f64 = 1e-9;
 
 /// The possible responses of a place: linear parameters without their limits, and runs with small effects.
@@ -64,7 +64,8 @@ impl Means {
     }
 }
 
-/// Returns how much each place explains, the most first. `factor` is the noise power over that of the noise model.
+/// Returns the share that each place explains, the largest first. `factor` is the ratio of the noise power to that of
+/// the noise model.
 pub fn places(ready: &Prepared, known: &Known, factor: f64) -> Vec<PlaceShare> {
     let problem = problem(ready, known);
     let Some(base) = Base::new(&problem) else { return Vec::new() };
@@ -90,7 +91,7 @@ pub(crate) fn listed(places: &[PlaceShare]) -> Vec<PlaceShare> {
     places.iter().take(LISTED).filter(|place| place.share > 0.0).cloned().collect()
 }
 
-/// Returns the side that these shares show; `None` if they do not.
+/// Returns the side that these shares indicate; `None` if no side is clear.
 pub fn side(places: &[PlaceShare], settings: &JudgeSettings) -> Option<Side> {
     let most = |which: &dyn Fn(Side) -> bool| {
         places.iter().filter(|place| which(place.side)).max_by(|a, b| a.share.total_cmp(&b.share))
@@ -102,7 +103,7 @@ pub fn side(places: &[PlaceShare], settings: &JudgeSettings) -> Option<Side> {
         |one: f64, other: f64| one - other >= settings.side_lead && 1.0 - other >= settings.side_ratio * (1.0 - one);
     let enough = |place: &&PlaceShare| place.share >= settings.side_share;
     let steady = most(&|side| side != Side::Time)?;
-    // A course over time can imitate what does not change; so it has to explain more.
+    // A change over time can imitate a steady error, so it must explain more.
     if let Some(time) = most(&|side| side == Side::Time).filter(enough)
         && ahead(time.share, steady.share)
     {
@@ -113,7 +114,7 @@ pub fn side(places: &[PlaceShare], settings: &JudgeSettings) -> Option<Side> {
     ahead(best.share, other).then_some(best.side)
 }
 
-/// Returns the problem on the first samples of the records, with the noise and the limits as they were before anything
+/// Returns the problem on the first samples of the records, with the noise and the limits from before any residual
 /// was counted as an error of the simulation.
 fn problem(ready: &Prepared, known: &Known) -> Problem {
     let mut noise = ready.noise.clone();
@@ -123,7 +124,7 @@ fn problem(ready: &Prepared, known: &Known) -> Problem {
     problem
 }
 
-/// Returns the possible responses of each place.
+/// Returns the possible responses of all places.
 fn means(problem: &Problem) -> Vec<Means> {
     let setting = &problem.setting;
     let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
@@ -147,7 +148,7 @@ fn means(problem: &Problem) -> Vec<Means> {
     all
 }
 
-/// Returns the linear parameters of a part.
+/// Returns the indices of the linear parameters of a part.
 fn parts(problem: &Problem, part: Part) -> Vec<usize> {
     let of = |index: &usize| problem.nuisance.part(*index) == Some(part);
     (0..problem.nuisance.of_simulation()).filter(of).collect()
@@ -173,7 +174,7 @@ fn of_channels(problem: &Problem) -> Vec<Means> {
     all
 }
 
-/// Returns each line in the residual, as a force at each port and as hum of each output, with any phase.
+/// Returns each line in the residual, as a force at each port and as hum of each output, with an arbitrary phase.
 fn lines(setting: &Setting) -> impl Iterator<Item = (Side, Place, Vec<Placed<'static>>)> {
     let phases = [0.0, std::f64::consts::FRAC_PI_2];
     setting.tones.iter().take(MOST_TONES).flat_map(move |tone| {
@@ -211,7 +212,7 @@ fn of_shape(shape: &'static Flexible, place: &Place, setting: &Setting) -> Vec<P
 struct Base<'p> {
     problem: &'p Problem,
     refitted: Refit,
-    /// The residual of runs of the same fineness as those of the places.
+    /// The residual of the refit, simulated with the same fineness as the places.
     now: Vec<f64>,
     /// J' r.
     pull: DVector<f64>,
@@ -228,7 +229,7 @@ impl<'p> Base<'p> {
         base.cost.is_finite().then_some(base)
     }
 
-    /// Returns by how much a place lowers the misfit, less the gain by chance with as many parameters.
+    /// Returns the reduction of the misfit by a place, less the reduction expected by chance with as many parameters.
     fn gain(&self, means: &Means) -> f64 {
         let trace = |placed: &Placed| -> Option<Vec<f64>> {
             let effects = std::slice::from_ref(placed);
@@ -242,8 +243,8 @@ impl<'p> Base<'p> {
         self.left(&means.freed, &traces).map_or(0.0, |left| self.cost - left - chance)
     }
 
-    /// Returns the misfit with some linear parameters without limits and with further columns: the sum of squares of
-    /// the residual and of the other linear parameters over their limits, at its minimum.
+    /// Returns the minimum of the misfit with some linear parameters freed from their limits and with further columns.
+    /// The misfit is the sum of squares of the residual and of the other linear parameters over their limits.
     fn left(&self, freed: &[usize], traces: &[Vec<f64>]) -> Option<f64> {
         let Refit { eta, jacobian, .. } = &self.refitted;
         let (n, k) = (eta.len(), traces.len());

@@ -1,4 +1,5 @@
-//! The statements of an answer that a trial can prove right or wrong, each with what its probability rests on.
+//! The statements of an answer that a trial can prove right or wrong, each with the quantities on which its
+//! probability rests.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +9,8 @@ use crate::fit::problem::Placed;
 use crate::judge::explained::Explained;
 use crate::settings::JudgeSettings;
 
-/// The name in the basis of an explanation with an effect whose parameters are at the limit of what its name means.
+/// The name, in the basis, of the quantity that tells whether a parameter is at the limit of what its effect's name
+/// means.
 pub(crate) const AT_LIMIT: &str = "at-limit";
 
 /// The kind of a statement.
@@ -18,7 +20,7 @@ pub enum About {
     /// The first effect of the answer acts at its place.
     Effect,
     /// The effects of the first explanation act at their places, and no others do. Answers do not record this
-    /// statement, because it rests on what the first effect rests on.
+    /// statement, because it has the same basis as the statement about the first effect.
     Explanation,
     /// A further effect of the answer acts at its place.
     Further,
@@ -46,15 +48,15 @@ impl About {
 pub struct Statement {
     /// Its kind.
     pub about: About,
-    /// Its probability by likelihoods and by what is left, before calibration.
+    /// Its probability from likelihoods and from the remaining gap, before calibration.
     pub before: f64,
-    /// What the calibration considers beside that probability.
+    /// The quantities that the calibration considers in addition to that probability.
     pub basis: BTreeMap<String, f64>,
 }
 
-/// Returns what the calibration considers of an explanation, all between zero and one: whether the simulation is
-/// imperfect as a whole, how faint the effects are, and whether a parameter is at the limit of what the effect's name
-/// means.
+/// Returns the quantities that the calibration considers for an explanation, all between zero and one: whether the
+/// simulation is imperfect as a whole, how faint the effects are, and whether a parameter is at the limit of what the
+/// effect's name means.
 pub(crate) fn basis(explained: &Explained) -> BTreeMap<String, f64> {
     let Explained { ready, refitted, found, .. } = explained;
     let (fit, settings) = (explained.fit(), &ready.problem.settings.judge);
@@ -74,8 +76,8 @@ pub(crate) fn are_at_limit(effects: &[Placed]) -> bool {
     effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some())
 }
 
-/// Returns how small the power that effects explain is beside that of the noise: one for nothing, and one half at
-/// `faint_power`.
+/// Returns how faint effects are: one if they explain no power, and one half if they explain the power of the noise
+/// times `faint_power`.
 fn faint(explained: f64, settings: &JudgeSettings) -> f64 {
     1.0 / (1.0 + (explained.max(0.0) / settings.faint_power).powi(2))
 }

@@ -1,4 +1,5 @@
-//! The part of the gap that stochastic effects make. No free run follows them, so no fit of a free run closes it.
+//! The part of the gap that stochastic effects make. No free run follows them, so no fit of a free run closes this
+//! part.
 
 use crate::effects::{Observation, Place};
 use crate::fit::free_run::run;
@@ -80,8 +81,8 @@ fn of_dropouts(explained: &Explained, o: usize) -> f64 {
     dropped / all.max(f64::MIN_POSITIVE) / problem.plant.p as f64
 }
 
-/// Returns the part that dropped samples have in the squared gaps of stochastic effects. They are masked, so the noise
-/// model does not contain them.
+/// Returns the part of the squared gaps of stochastic effects that is due to dropped samples. Dropped samples are
+/// masked, so the noise model does not contain them.
 pub fn of_dropped(shown: &[&Stochastic], squared_gaps: &[f64]) -> f64 {
     let all = shown.iter().zip(squared_gaps);
     all.filter(|(u, _)| u.placed.effect.observed_in() == Observation::Dropouts).map(|(_, squared)| squared).sum()
@@ -89,8 +90,8 @@ pub fn of_dropped(shown: &[&Stochastic], squared_gaps: &[f64]) -> f64 {
 
 impl<'a> Explained<'a> {
     /// Replaces an explanation by the refit if it leaves too much of the gap beyond noise and limits to be credible,
-    /// while stochastic effects make most of what the refit leaves. The main fault of such a simulation does not show
-    /// in free runs. The probability of something else is that of a fit which leaves the same share.
+    /// while stochastic effects make most of the gap that the refit leaves. Free runs do not reveal the main fault of
+    /// such a simulation. The probability of something else becomes that of a fit which leaves the same share.
     pub(crate) fn leave_to_noise(mut self, stochastic: &[Stochastic<'a>], rules: &Rules, material: f64) -> Self {
         let problem = &self.ready.problem;
         let settings = &problem.settings.judge;
@@ -135,7 +136,7 @@ mod tests {
     use crate::testing;
 
     /// The noise of a sensor is the main cause, although the simulation also lacks products of one channel with the
-    /// past of the other, which no effect explains. If the products are larger, something else remains the answer.
+    /// past of the other, which no effect explains. If the products are larger, the answer remains "something else".
     #[test]
     fn noise_is_the_main_cause_with_small_imperfections_and_not_with_large_ones() {
         let library = Library::standard();

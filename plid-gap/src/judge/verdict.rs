@@ -7,11 +7,11 @@ use crate::prepare::NoiseLevel;
 use crate::settings::step::Step;
 use crate::settings::{GapSettings, JudgeSettings};
 
-/// Temperature of the textbook's posterior probabilities, with which the ablation compares.
+/// Temperature of the textbook's posterior probabilities, with which the ablation compares the diagnosis.
 const TEXTBOOK: f64 = 2.0;
 
-/// Exponent of the transitions at a share that an explanation leaves. Such a transition goes from 6 % to 94 % between
-/// half the threshold and twice the threshold.
+/// Exponent of the smooth thresholds on the share that an explanation leaves. The transition goes from 6 % to 94 %
+/// between half the threshold and twice the threshold.
 const STEEPNESS: i32 = 4;
 
 /// The verdict of a diagnosis.
@@ -22,7 +22,7 @@ pub enum Verdict {
     Effects,
     /// The simulation is sound within its limits.
     None,
-    /// Something outside the vocabulary.
+    /// Something outside the vocabulary is at work.
     Unknown,
 }
 
@@ -34,14 +34,14 @@ pub struct Weighted<'a> {
     pub unknown: bool,
     /// Its probability; all probabilities add up to one.
     pub probability: f64,
-    /// Mean squared whitened residual, if it is a fit.
+    /// Mean squared whitened residual, if the explanation was fitted.
     pub cost: Option<f64>,
 }
 
 /// The residual of the best explanation compared with the noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Adequacy {
-    /// Excess over the noise, (mean square - 1) / uncertainty of the noise level.
+    /// Excess over the noise, (mean square / noise level - 1) / uncertainty of the noise level.
     pub excess: f64,
     /// Remaining share of the bounded refit's excess.
     pub left: f64,
@@ -77,11 +77,12 @@ pub fn adequacy(figures: &FitFigures, settings: &JudgeSettings, off: &[Step]) ->
     let excess = (cost / noise - 1.0) / level.uncertainty;
     let left = ((cost - noise) / (before - noise).max(1.0)).clamp(0.0, 1.0);
     let certain = 1.0 / (1.0 + (-(excess - settings.excess)).exp());
-    // A remainder of a thousandth of a large gap is a matter of the effect's third digit, not of another cause.
+    // A remainder of a thousandth of a large gap concerns the third digit of the effect's parameters, not another
+    // cause.
     let material = 1.0 / (1.0 + (settings.material_left / left.max(1e-12)).powi(STEEPNESS));
     // Beyond its stated limits, a refit may hide an effect that the vocabulary lacks.
     let beyond = 1.0 / (1.0 + (-(max_prior_z - settings.max_prior_z) / settings.prior_z_width).exp());
-    // A residual that still correlates with an effect's trace contains something, although no effect explains it.
+    // A residual that still correlates with an effect's trace is not noise, even if no effect explains it.
     let coherent = 1.0 / (1.0 + (-(next_gain - settings.next_gain) / settings.next_gain_width).exp());
     let speaks = |step: Step, share: f64| if off.contains(&step) { 0.0 } else { share };
     let sound = (1.0 - speaks(Step::Excess, certain * material))
@@ -92,8 +93,9 @@ pub fn adequacy(figures: &FitFigures, settings: &JudgeSettings, off: &[Step]) ->
     Adequacy { excess, left, max_prior_z, next_gain, unknown }
 }
 
-/// Returns the probability of something else if an explanation leaves this share, in amplitude, of the gap beyond noise
-/// and limits, and no explanation leaves only noise because the simulation is off in many small ways.
+/// Returns the probability of something else if an explanation leaves this share, in amplitude, of the gap beyond
+/// noise and limits. This probability applies if the simulation is off in so many small ways that no explanation
+/// leaves only noise.
 pub fn outside(left: f64, settings: &JudgeSettings) -> f64 {
     let JudgeSettings { least_unknown, most_unknown, most_left, .. } = *settings;
     if left > most_left {
@@ -102,7 +104,7 @@ pub fn outside(left: f64, settings: &JudgeSettings) -> f64 {
     least_unknown + (most_unknown - least_unknown) / (1.0 + (most_left / left.max(1e-6)).powi(STEEPNESS))
 }
 
-/// Distributes probability over the candidates; something else receives `unknown`.
+/// Distributes probability over the candidates; "something else" receives `unknown`.
 pub fn weigh<'a>(
     candidates: &[Candidate<'a>],
     unknown: f64,
@@ -115,8 +117,8 @@ pub fn weigh<'a>(
     let Some(best) = candidates.first() else { return Vec::new() };
     let misfit = (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
     let temperature = if off.contains(&Step::Temperature) { TEXTBOOK } else { least + misfit_temperature * misfit };
-    // Explanations that the search did not accept rank behind no effect. A misfit that none of them explains makes none
-    // of them more probable.
+    // Explanations that the search did not accept rank behind the one without effects. A misfit that none of them
+    // explains makes none of them more probable.
     let unaccepted = |candidate: &Candidate| best.effects.is_empty() && !candidate.effects.is_empty();
     let most = if off.contains(&Step::Temperature) { 1.0 } else { (-settings.search.not_accepted_price / least).exp() };
     let mut weighted: Vec<Weighted> = Vec::new();
@@ -155,7 +157,7 @@ mod tests {
         NoiseLevel { factor: 1.0, uncertainty: 0.02, seen: true, driven: None }
     }
 
-    /// The more an explanation leaves, the less certain it is; one that leaves more than half is never the verdict.
+    /// The more an explanation leaves, the less probable it is; one that leaves more than half is never the verdict.
     #[test]
     fn what_leaves_half_of_the_gap_is_outside() {
         let left = [0.0, 0.03, 0.1, 0.36, 0.49];
@@ -163,11 +165,12 @@ mod tests {
         let unknown = left.map(|left| outside(left, &settings));
         assert!(unknown.windows(2).all(|pair| pair[0] < pair[1]), "{unknown:?}");
         assert!(unknown[3] < 0.25 && unknown[4] < 0.5, "{unknown:?}");
-        // More than all others together.
+        // It exceeds the sum of all other probabilities.
         assert!(outside(0.51, &settings) > 0.5 && outside(2.0, &settings) > 0.5);
     }
 
-    /// Explanations that the search did not accept rank behind no effect by their price, however much is left.
+    /// Explanations that the search did not accept rank behind the one without effects by their price, whatever the
+    /// misfit.
     #[test]
     fn what_was_not_accepted_stays_behind_nothing() {
         let settings = GapSettings::default();
@@ -189,7 +192,7 @@ mod tests {
             let sum: f64 = weighted.iter().map(|w| w.probability).sum();
             assert!((sum - 1.0).abs() < 1e-12, "{sum}");
             assert!(weighted[0].effects.is_empty() && !weighted[0].unknown && weighted[0].probability > 0.5, "{left}");
-            // The textbook's probabilities ignore the misfit and rank them further behind.
+            // The textbook's probabilities ignore the misfit, so these explanations rank even further behind.
             let flat = weigh(&candidates, 0.3, ROWS, level(), &settings, &[Step::Temperature]);
             assert!(flat[0].probability > weighted[0].probability);
         }

@@ -4,12 +4,12 @@ use nalgebra::DMatrix;
 
 use plid_fourier::{C, backward, forward};
 
-/// Returns the expected periodogram at the bins 0 to length/2 of noise with a spectral density (p x p, a function of
-/// the frequency in Hz): the density smoothed by the transform of the record's window, by way of the covariances
-/// (Sykulski, Olhede, Guillaumin, Lilly and Early, *Biometrika* 106, 2019).
+/// Returns the expected periodogram, at the bins 0 to length/2, of noise with a spectral density (p x p, a function
+/// of the frequency in Hz). It is the density smoothed by the transform of the record's window, and is computed from
+/// the covariances (Sykulski, Olhede, Guillaumin, Lilly and Early, *Biometrika* 106, 2019).
 ///
-/// A controller suppresses slow noise by many orders of magnitude, but a record of finite length has ends, whose
-/// leakage it does not suppress.
+/// A controller suppresses slow noise by many orders of magnitude, but not the leakage from the ends of a record of
+/// finite length.
 pub fn periodograms(density: impl Fn(f64) -> DMatrix<C>, rate: f64, length: usize) -> Vec<DMatrix<C>> {
     let doubled = 2 * length;
     let lines: Vec<DMatrix<C>> = (0..=length).map(|k| density(k as f64 * rate / doubled as f64)).collect();

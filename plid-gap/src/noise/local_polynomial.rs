@@ -1,11 +1,11 @@
-//! The noise of a record that nothing repeats, from the local polynomial method (Pintelon, Schoukens, Vandersteen and
-//! Barbé, *Mechanical Systems and Signal Processing* 24, 2010, 573).
+//! The noise of a record without repetition, estimated by the local polynomial method (Pintelon, Schoukens,
+//! Vandersteen and Barbé, *Mechanical Systems and Signal Processing* 24, 2010, 573).
 //!
-//! Over a few neighbouring frequencies the response of any linear plant, and the transient of a record that begins and
-//! ends in different states, are smooth: Y(k + r) = G(r) U(k + r) + T(r) + E(k + r), with polynomials G and T. What is
-//! left at k is the noise, and what a nonlinear plant adds that looks random: a level that is at least that of the
-//! noise. The error of the simulation takes the place of Y. Its response is smaller than that of the plant, and so is
-//! what the polynomials miss of a narrow resonance.
+//! Over a few neighbouring frequencies, the response of any linear plant, and the transient of a record that begins
+//! and ends in different states, are smooth: Y(k + r) = G(r) U(k + r) + T(r) + E(k + r), with polynomials G and T.
+//! The residual at k consists of the noise and of the random-like distortion of a nonlinear plant, so its level is at
+//! least that of the noise. The error of the simulation takes the place of Y. Its response is smaller than that of
+//! the plant, and so is the part of a narrow resonance that the polynomials miss.
 
 use std::iter::{once, repeat_n};
 
@@ -21,15 +21,15 @@ const DEGREE: usize = 2;
 /// Number of equations that remain for the noise at each frequency, for each output.
 const FREE: usize = 4;
 
-/// Most samples that are used of a record. Each frequency costs a basis of its own, and half as many frequencies show
-/// the level to two per cent.
+/// Largest number of samples that are used of a record. Each frequency requires its own basis, and half as many
+/// frequencies determine the level to two per cent.
 const MOST_SAMPLES: usize = 8192;
 
-/// Share of its squared length that the other regressors must leave of a regressor for it to count.
+/// Smallest share of the squared norm of a regressor that the other regressors must leave for it to count.
 const DEPENDENT: f64 = 1e-10;
 
-/// Returns what the inputs of a driven record do not explain of the error of a simulation (p channels), as a stretch
-/// that no command explains; `None` if samples are missing or the record is too short.
+/// Returns the part of the error of a simulation (p channels) that the inputs of a driven record do not explain, as a
+/// stretch that no command explains; `None` if samples are missing or the record is too short.
 pub(crate) fn unexplained(record: &Record, error: &[Vec<f64>]) -> Option<Stretch> {
     if record.y.iter().flatten().any(|y| y.is_nan()) {
         return None;
@@ -49,7 +49,7 @@ pub(crate) fn unexplained(record: &Record, error: &[Vec<f64>]) -> Option<Stretch
     Some(Stretch { length: outputs.length, bins })
 }
 
-/// Returns the residual of each output at a frequency, scaled for its variance to be that of the noise.
+/// Returns the residual of each output at a frequency, scaled so that its variance is that of the noise.
 fn at(inputs: &[Vec<C>], outputs: &[Vec<C>], k: usize, reach: usize) -> Vec<C> {
     // The first bin holds the mean and the trend, which were removed.
     let first = (k.max(reach + 1) - reach).min(outputs[0].len() - 2 * reach - 1);

@@ -24,26 +24,27 @@ use plid_fourier::C;
 /// Relative width of the band that represents the remainder of a line with a random phase after its removal.
 const LINE_WIDTH: f64 = 0.003;
 
-/// Power of a constant channel without its mean, over that of the declared noise: rounding.
+/// Power of a channel without its mean, relative to that of the declared noise, up to which the channel counts as
+/// constant: such a power is due to rounding.
 const CONSTANT: f64 = 1e-12;
 
-/// Least variance of a source over that from which its fit starts.
+/// Smallest variance of a source relative to that from which its fit starts.
 const LEAST: f64 = 1e-9;
 
 /// Number of rounds of the fixed-point iteration, which converges linearly.
 const ROUNDS: usize = 60;
 
-/// Corners of slow sensor noise, over the sample rate. A sum of such spectra imitates any that falls with frequency,
-/// such as that of flicker noise (Keshner, Proceedings of the IEEE 70, 1982, 212).
+/// Corners of slow sensor noise, over the sample rate. A sum of such spectra approximates any spectrum that falls
+/// with frequency, such as that of flicker noise (Keshner, Proceedings of the IEEE 70, 1982, 212).
 const CORNERS: [f64; 3] = [0.0025, 0.01, 0.04];
 
-/// Spectra of a stretch that no command explains: p channels of bins, scaled for |bin|^2 to be a power spectral density
-/// whose mean is sigma^2 for white noise.
+/// Spectra of a stretch that no command explains: p channels of bins, scaled so that |bin|^2 is a power spectral
+/// density whose mean is sigma^2 for white noise.
 #[derive(Debug, Clone)]
 pub struct Stretch {
     /// Number of samples.
     pub length: usize,
-    /// p channels of bins.
+    /// The bins (p channels).
     pub bins: Vec<Vec<C>>,
 }
 
@@ -63,8 +64,8 @@ impl Stretch {
         Self { length, bins }
     }
 
-    /// Returns the spectra under Hann's window. Without it, the leakage of a strong resonance would be taken for the
-    /// noise next to it. Every other bin is almost independent of the others.
+    /// Returns the spectra under Hann's window. Without the window, the leakage of a strong resonance would be
+    /// mistaken for the noise next to it. Every second bin is almost independent of the others.
     pub fn tapered(&self) -> Self {
         let taper = |bins: &Vec<C>| -> Vec<C> {
             let at = |k: usize| bins[k.min(bins.len() - 1)];
@@ -85,8 +86,8 @@ pub fn is_constant(stretches: &[Stretch], o: usize, variance: f64) -> bool {
     stretches.iter().all(|stretch| power(stretch) <= CONSTANT * variance * stretch.bins[o].len() as f64)
 }
 
-/// Removes mean and trend from the samples that are not missing and sets the missing ones to zero. Returns how many are
-/// not missing.
+/// Removes mean and trend from the samples that are not missing and sets the missing ones to zero. Returns the number
+/// of samples that are not missing.
 fn detrend(x: &mut [f64]) -> usize {
     let there: Vec<usize> = (0..x.len()).filter(|&k| !x[k].is_nan()).collect();
     let n = there.len().max(1) as f64;
@@ -135,18 +136,18 @@ pub struct Band {
     pub hz: f64,
     /// Width over centre.
     pub width: f64,
-    /// Exponent of frequency by which the amplitude is multiplied: 0 for a band-pass, which falls off equally on both
-    /// sides; -1 for a resonator, which passes slow forces.
+    /// Exponent of the power of frequency that multiplies the amplitude: 0 for a band-pass, which falls off equally
+    /// on both sides; -1 for a resonator, which passes slow forces.
     pub slope: f64,
 }
 
 impl Band {
-    /// The band about a line whose phase wanders.
+    /// Returns the band about a line whose phase wanders.
     pub fn line(port: usize, hz: f64) -> Self {
         Self::pass(port, hz, LINE_WIDTH)
     }
 
-    /// A band that falls off equally on both sides.
+    /// Returns a band that falls off equally on both sides.
     pub fn pass(port: usize, hz: f64, width: f64) -> Self {
         Self { port, hz, width, slope: 0.0 }
     }
@@ -155,7 +156,7 @@ impl Band {
 /// A fitted noise model.
 #[derive(Debug, Clone)]
 pub struct NoiseModel {
-    /// The plant that the noise passes.
+    /// The plant through which the noise passes.
     plant: Plant,
     /// The sources with their variances.
     pub sources: Vec<(Source, f64)>,
@@ -163,14 +164,14 @@ pub struct NoiseModel {
     pub misfit: f64,
     /// Number of bins used.
     pub bins: usize,
-    /// For a surrogate model, its error on the records that it was identified from. It grows with the level and does
-    /// not occur in quiet records.
+    /// For a surrogate model, its error on the records from which it was identified. This error grows with the level
+    /// and does not occur in quiet records.
     pub model_error: Option<ModelError>,
-    /// The frequency band in Hz that counts, if not all frequencies do. The noise outside it has no bound.
+    /// The frequency band in Hz that counts, if not all frequencies do. The noise outside the band has no bound.
     pub band_hz: Option<[f64; 2]>,
-    /// Lines whose phase wanders, as port and Hz. Their modulated sines are removed from the records.
+    /// Lines whose phase wanders, as port and frequency in Hz. Their modulated sines are removed from the records.
     pub lines: Vec<(usize, f64)>,
-    /// The thresholds by which it is fitted.
+    /// The thresholds of the fit.
     pub settings: NoiseSettings,
 }
 
@@ -192,24 +193,24 @@ impl NoiseModel {
         }
     }
 
-    /// Returns the noise of a plant that has one output more, with white noise of this variance at the new output.
+    /// Returns the noise of a plant with one additional output, with white noise of this variance at the new output.
     pub(crate) fn with_output(&self, plant: &Plant, variance: f64) -> Self {
         let mut more = Self { plant: plant.clone(), ..self.clone() };
         more.sources.push((Source::Sensor(plant.p - 1), variance));
         more
     }
 
-    /// Returns the simulation of which it was made.
+    /// Returns the plant for which the model was made.
     pub fn plant(&self) -> &Plant {
         &self.plant
     }
 
-    /// Returns the number of ports of the simulation of which it was made. Ports on single modes are added later.
+    /// Returns the number of ports of the plant for which the model was made. Ports on single modes are added later.
     pub fn ports(&self) -> usize {
         self.plant.ports.len()
     }
 
-    /// Returns the fit to stretches, after adding the slow noise of those sensors that have much of it to this model.
+    /// Adds the slow noise of those sensors that have much of it to this model, and returns the fit to stretches.
     /// Without it, the skirts of forces on modes would have to represent slow noise, and the noise at the modes
     /// themselves would be far too large.
     pub fn fit_slow(&mut self, stretches: &[Stretch]) -> Self {
@@ -246,7 +247,7 @@ impl NoiseModel {
         let mut model = self.clone();
         let level = self.sensor_variance();
         for &source in more {
-            // The start of each variance gives a peak as high as the sensor noise.
+            // The starting value of each variance gives a peak as high as the sensor noise.
             let power = |hz: f64| self.columns(source, hz).iter().map(|h| h.norm_squared()).sum::<f64>();
             let peak = self.plant.modes.iter().map(|mode| power(mode.pole.im / TAU)).fold(0.0, f64::max);
             if peak > 0.0 {
@@ -255,7 +256,7 @@ impl NoiseModel {
         }
         let rows: Vec<Row> = stretches.iter().flat_map(|s| model.rows(s, thin)).collect();
         let mut theta: Vec<f64> = model.sources.iter().map(|(_, theta)| *theta).collect();
-        // A channel that is constant shows no noise level: its noise remains as declared.
+        // A constant channel shows no noise level, so its noise remains as declared.
         let fixed = model.sources.iter().map(|(source, theta)| match source {
             Source::Actuator(_) => true,
             Source::Sensor(o) => is_constant(stretches, *o, *theta),
@@ -285,7 +286,7 @@ impl NoiseModel {
         model
     }
 
-    /// Returns the model with another variance of one sensor (V^2).
+    /// Returns the model with a different variance of one sensor (V^2).
     pub fn with_sensor(mut self, output: usize, variance: f64) -> Self {
         for (source, theta) in &mut self.sources {
             if *source == Source::Sensor(output) {
@@ -295,7 +296,7 @@ impl NoiseModel {
         self
     }
 
-    /// Returns the model with a line whose phase wanders: a narrow band at a port for what remains about the line after
+    /// Returns the model with a line whose phase wanders: a narrow band at a port for the remainder of the line after
     /// its removal.
     pub fn with_line(mut self, port: usize, hz: f64) -> Self {
         let band = Source::Band(Band::line(port, hz));
@@ -319,8 +320,8 @@ impl NoiseModel {
         self.rms().iter().zip(rest.rms()).any(|(all, rest)| rest * rest < 0.5 * all * all)
     }
 
-    /// Returns the variance (V^2) of white noise with which forces in bands reach an output where they are weak: a
-    /// quarter of all frequencies have less.
+    /// Returns the power of forces in bands at an output at frequencies where they are weak, as the variance (V^2) of
+    /// white noise: a quarter of all frequencies have less power.
     pub fn skirts(&self, output: usize) -> f64 {
         const POINTS: u32 = 256;
         let at = |hz: f64| -> f64 {
@@ -362,7 +363,7 @@ impl NoiseModel {
     /// Returns the response of the outputs to a unit of a source at a frequency: one column for each independent part.
     pub(crate) fn columns(&self, source: Source, hz: f64) -> Vec<DVector<C>> {
         let plant = &self.plant;
-        // In closed loop, the controller answers to whatever enters at an output.
+        // In closed loop, the controller responds to whatever enters at an output.
         let closed = |open: DVector<C>| plant.sensitivity(hz).map_or(open.clone(), |sensitivity| sensitivity * open);
         match source {
             Source::Sensor(o) => vec![closed(unit(plant.p, o, 1.0))],
@@ -374,8 +375,8 @@ impl NoiseModel {
             Source::Ambient => (0..plant.modes.len()).map(|k| closed(self.modal(k, hz))).collect(),
             Source::Band(Band { port, hz: centre, width, slope }) => {
                 // A force that is held over samples has a periodic spectrum, so frequencies are replaced by chords of
-                // the unit circle. Near the centre nothing changes. Far above it, the skirt of a resonator levels off,
-                // which matters if a force passes straight through to an accelerometer.
+                // the unit circle. Near the centre, nothing changes. Far above it, the skirt of a resonator levels
+                // off, which matters if a force passes straight through to an accelerometer.
                 let angle = |hz: f64| PI * hz / plant.rate;
                 let of_centre = angle(hz.max(1e-9)).sin() / angle(centre).sin();
                 let ratio = of_centre - 1.0 / of_centre;
@@ -430,7 +431,7 @@ impl NoiseModel {
     }
 }
 
-/// Returns a vector that is zero but for one entry.
+/// Returns a vector that is zero except for one entry.
 fn unit(length: usize, at: usize, value: f64) -> DVector<C> {
     DVector::from_fn(length, |i, _| if i == at { C::from(value) } else { C::ZERO })
 }
@@ -457,7 +458,7 @@ impl Row {
 }
 
 /// Returns the power that rows of data have along each source, and the power that they should have with these
-/// variances. A row whose power over that of the model reaches `line_power` is not `used`.
+/// variances. A row whose power relative to that of the model reaches `line_power` is not `used`.
 fn ratios(rows: &[Row], theta: &[f64], used: &mut [bool], line_power: Option<f64>) -> (Vec<f64>, Vec<f64>) {
     let (mut up, mut down) = (vec![0.0; theta.len()], vec![0.0; theta.len()]);
     for (row, used) in rows.iter().zip(used) {
@@ -483,8 +484,8 @@ mod tests {
     use super::*;
     use crate::testing::{RATE, random_input, truss_with};
 
-    /// Sensor noise of which a part is slow is represented as such, and not by forces on the modes: in a short record,
-    /// the skirts of a slow mode imitate it, and the noise at the resonance would be far too large. White noise has no
+    /// Sensor noise with a slow part is represented as such, and not by forces on the modes: in a short record, the
+    /// skirts of a slow mode imitate it, and the noise at the resonance would be far too large. White noise has no
     /// slow part.
     #[test]
     fn slow_sensor_noise_is_no_force_on_the_modes() {

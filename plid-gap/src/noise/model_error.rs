@@ -1,8 +1,9 @@
-//! The error of a surrogate model on the records that it was identified from. It grows with the level, and an effect
-//! must exceed it.
+//! The error of a surrogate model on the records from which it was identified. This error grows with the level, and
+//! an effect must exceed it.
 //!
-//! In a periodic record it is the periodic part of the residual. In any other record it is the part that a linear
-//! filter of the inputs gives (Bendat and Piersol 2010, 7.3: coherent output power); the remainder is noise.
+//! In a periodic record, the error is the periodic part of the residual. In any other record, it is the part that a
+//! linear filter reproduces from the inputs (Bendat and Piersol 2010, 7.3: coherent output power); the remainder is
+//! noise.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -14,29 +15,31 @@ use plid_fourier::C;
 pub struct ModelError {
     /// RMS of the inputs of those records.
     level: f64,
-    /// Distance in Hz between two values.
+    /// Distance in Hz between adjacent values.
     step: f64,
     /// For each output, the density from zero frequency on, as the variance of white noise of the same density.
     density: Vec<Vec<f64>>,
 }
 
-/// Least number of segments for each input: the bias of the coherence is then below one eighth.
+/// Smallest number of segments for each input. The bias of the coherence is then below one eighth.
 const SEGMENTS: usize = 8;
 
-/// Longest and shortest segment in samples: lines of lightly damped modes are resolved, or at least separated.
+/// Longest and shortest segment in samples, with which the lines of lightly damped modes are resolved, or at least
+/// separated.
 const LENGTHS: [usize; 2] = [2048, 128];
 
 /// Number of lines on either side over which a density is averaged.
 const SMOOTHED: usize = 2;
 
-/// Least number of frequency bins of the longest record that make one value of the density.
+/// Smallest number of frequency bins of the longest record that are averaged into one value of the density.
 const CELL: usize = 4;
 
-/// Largest number of these values.
+/// Largest number of values of the density.
 const MOST_CELLS: usize = 1024;
 
 impl ModelError {
-    /// Estimates the error from a record and the residual of the model (p channels); `None` if the record is too short.
+    /// Estimates the error from a record and the residual of the model (p channels). Returns `None` if the record is
+    /// not driven or is too short.
     pub fn of(record: &Record, error: &[Vec<f64>], rate: f64) -> Option<Self> {
         let (step, density) = match record.excitation {
             Excitation::Zero => return None,
@@ -46,9 +49,10 @@ impl ModelError {
         Some(Self { level: record.level(), step, density: density.iter().map(|d| smoothed(d)).collect() })
     }
 
-    /// Estimates the residual of an explanation in driven records beyond the noise. `errors` holds p channels for each
-    /// record; `noise` gives the density of each output's noise at a frequency. The density is assumed to grow with the
-    /// square of the level and is fitted to all levels by least squares. `None` if no record is driven.
+    /// Estimates the residual of an explanation in driven records in excess of the noise. `errors` contains p
+    /// channels for each record; `noise` gives the density of each output's noise at a frequency. The density is
+    /// assumed to grow with the square of the level and is fitted to all levels by least squares. Returns `None` if
+    /// no record is driven.
     pub fn left(records: &[Record], errors: &[Channels], noise: impl Fn(f64) -> Vec<f64>, rate: f64) -> Option<Self> {
         let driven = || records.iter().zip(errors).filter(|(record, _)| record.is_driven());
         let level = driven().map(|(record, _)| record.level()).fold(0.0, f64::max);
@@ -56,7 +60,8 @@ impl ModelError {
         let cells = (longest / (2 * CELL)).clamp(1, MOST_CELLS);
         let step = 0.5 * rate / cells as f64;
         let p = records[0].y.len();
-        // Sums over records of the power beyond the noise times the squared level, and of the square of that.
+        // Sums over the records: the power beyond the noise times the squared level, and the fourth power of the
+        // level.
         let (mut power, mut weight) = (vec![vec![0.0; cells + 1]; p], vec![0.0; cells + 1]);
         let quiet: Vec<Vec<f64>> = (0..=cells).map(|cell| noise(cell as f64 * step)).collect();
         for (record, error) in driven() {
@@ -104,8 +109,8 @@ fn repeating(error: &[Vec<f64>], period: usize) -> Option<Vec<Vec<f64>>> {
     Some(error.iter().map(of).collect())
 }
 
-/// Returns the density of the part that a linear filter of the inputs gives, by least squares over segments at each
-/// frequency.
+/// Returns the density of the part that a linear filter reproduces from the inputs, by least squares over segments at
+/// each frequency.
 fn coherent(u: &[Vec<f64>], error: &[Vec<f64>], rate: f64) -> Option<(f64, Vec<Vec<f64>>)> {
     let (samples, m) = (error[0].len(), u.len());
     let length = (2 * samples / (SEGMENTS * m + 1)).min(LENGTHS[0]);
@@ -167,7 +172,7 @@ mod tests {
     fn of_a_random_record_it_is_what_the_inputs_give() {
         let u = random_input(1, 16384, 2);
         let noise = random_input(2, 16384, 1);
-        // A tenth of the second input, with noise five times as large.
+        // A tenth of the second input, plus noise five times as large.
         let error = vec![u[1].iter().zip(&noise[0]).map(|(u, e)| 0.1 * u + 0.5 * e).collect::<Vec<f64>>()];
         let level = crate::case::record::rms(u.iter().flatten());
         let model_error = ModelError::of(&record(Excitation::Random, u, error.clone()), &error, 100.0).unwrap();
@@ -193,8 +198,8 @@ mod tests {
         assert!((mean / power - 1.0).abs() < 0.1, "{mean} {power}");
     }
 
-    /// An error of a twentieth of the input in noise, at two levels: the noise is not counted, and the quieter record
-    /// has a quarter of the power.
+    /// The error is a twentieth of the input plus noise, at two levels. The noise is not counted, and the quieter
+    /// record has a quarter of the power.
     #[test]
     fn what_an_explanation_leaves_grows_with_the_level() {
         let one = |seed: u64, level: f64| {

@@ -1,7 +1,7 @@
 //! Whitening of one record at a time: y(f) -> L(f)^{-1} y(f) with S(f) = L(f) L(f)^H.
 //!
-//! The sum of squares of the whitened residual is minus twice the log likelihood and can be compared between
-//! explanations.
+//! The sum of squares of the whitened residual is minus twice the log likelihood, up to a constant, and can be
+//! compared between explanations.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -27,12 +27,12 @@ pub struct Whitener {
     bins: RangeInclusive<usize>,
     /// Lower triangles of L^{-1} of each bin, row by row.
     factors: Vec<C>,
-    /// The parts that are removed: their rows, and an orthonormal basis in these rows.
+    /// The subspaces that are removed: their rows, and an orthonormal basis in these rows.
     taken_out: Vec<(Range<usize>, DMatrix<f64>)>,
 }
 
-/// Distance from a line, in Hz, up to which its modulation is removed. Beyond it, the ends of the line in the record
-/// leave less than the noise of a twelve-bit converter.
+/// Distance from a line, in Hz, up to which its modulation is removed. Beyond it, the leakage from the ends of the
+/// line in the record is less than the noise of a twelve-bit converter.
 const MODULATION_HZ: f64 = 25.0;
 
 impl Whitener {
@@ -63,15 +63,15 @@ impl Whitener {
         for &(_, hz) in &noise.lines {
             whitener.take_out(hz, rate);
         }
-        // Forces in bands make resonances ring at both ends of the record. A Fourier transform spreads that to
-        // frequencies at which the density is small.
+        // Forces in bands make resonances ring at both ends of the record. The Fourier transform spreads this ringing
+        // to frequencies at which the density is small.
         if noise.drives() {
             whitener.take_out_all(&notch::decays(noise.plant(), length));
         }
         whitener
     }
 
-    /// Also removes the space that these channels span.
+    /// Also removes the subspace that these channels span.
     fn take_out_all(&mut self, traces: &[Channels]) {
         let mut white = vec![0.0; self.rows()];
         let mut basis = DMatrix::zeros(self.rows(), traces.len());
@@ -82,7 +82,7 @@ impl Whitener {
         self.taken_out.push((0..self.rows(), basis.qr().q()));
     }
 
-    /// Removes the space of a slowly modulated line, at each output separately.
+    /// Removes the subspace of a slowly modulated line, at each output separately.
     fn take_out(&mut self, hz: f64, rate: f64) {
         let step = rate / self.length as f64;
         let bin = |hz: f64| ((hz / step).round().max(0.0) as usize).clamp(*self.bins.start(), *self.bins.end());
@@ -108,15 +108,15 @@ impl Whitener {
         self.taken_out.push((rows, basis.qr().q()));
     }
 
-    /// Returns the number of values that [`Whitener::apply`] gives.
+    /// Returns the number of values that [`Whitener::apply`] writes.
     pub fn rows(&self) -> usize {
         // The bins at zero and at half the rate are real. A band may contain one of them alone.
         let edges = self.bins.clone().filter(|&k| k == 0 || 2 * k == self.length).count();
         self.p * (2 * self.bins.clone().count() - edges)
     }
 
-    /// Writes the whitened bins of p channels to `to`, by rising frequency and with all channels of a bin next to each
-    /// other.
+    /// Writes the whitened bins of p channels to `to`, in order of rising frequency and with all channels of a bin
+    /// adjacent to each other.
     pub fn apply(&self, y: &[Vec<f64>], to: &mut [f64]) {
         let scale = 1.0 / (self.length as f64).sqrt();
         let bins: Vec<Vec<C>> = (0..self.p).map(|o| self.bins(&y[o], o)).collect();
@@ -146,8 +146,8 @@ impl Whitener {
         }
     }
 
-    /// Returns the adjoint: the channels whose products with any outputs sum to the product of `white` with the
-    /// whitened outputs. Only samples that are used are returned.
+    /// Returns the adjoint: the channels whose inner product with any outputs is that of `white` with the whitened
+    /// outputs. Only samples that are used are returned.
     pub fn adjoint(&self, white: &[f64]) -> Channels {
         let mut white = white.to_vec();
         for (rows, basis) in self.taken_out.iter().rev() {
@@ -190,7 +190,7 @@ impl Whitener {
     }
 }
 
-/// Removes the space that a basis spans.
+/// Removes the subspace that a basis spans.
 fn take_out(basis: &DMatrix<f64>, white: &mut [f64]) {
     let (rows, columns) = basis.shape();
     let basis = MatRef::from_column_major_slice(basis.as_slice(), rows, columns);
@@ -220,7 +220,8 @@ mod tests {
     use crate::testing::{RATE, random_input, truss};
 
     /// A force in a band drives a mode three hundred times above the sensor noise. The mode rings at the end of the
-    /// record, which a Fourier transform spreads to all frequencies. The whitened record does not contain it.
+    /// record, and the Fourier transform spreads this ringing to all frequencies. The whitened record does not
+    /// contain it.
     #[test]
     fn what_rings_where_a_record_is_cut_off_is_taken_out() {
         let (hz, before, samples, sensor) = (137.0, 3000, 2000, 1e-3);
@@ -260,7 +261,7 @@ mod tests {
         assert!(leaking > 10.0 && (0.6..1.2).contains(&clear), "{leaking}, {clear}");
     }
 
-    /// For lines that are taken out, samples that are masked, and a band: <white, W y> = <W' white, y>.
+    /// The identity <white, W y> = <W' white, y> holds with removed lines, masked samples and a band.
     #[test]
     fn the_adjoint_gives_the_same_products() {
         let plant = Plant::new(&truss(2)).unwrap();

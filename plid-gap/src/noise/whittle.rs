@@ -12,10 +12,10 @@ use plid_fourier::C;
 /// Largest number of steps.
 const STEPS: usize = 30;
 
-/// Largest relative change of a parameter by one step: the expected information changes little within it.
+/// Largest relative change of a parameter in one step. Within it, the expected information changes little.
 const LONGEST_STEP: f64 = 0.2;
 
-/// Shortest step along the score that is tried: a shorter one changes nothing that is stated.
+/// Shortest step in the scoring direction that is tried. A shorter step would change no stated result.
 const SHORTEST_STEP: f64 = 1e-4;
 
 /// A step that raises the log likelihood by less than this ends the fit.
@@ -25,10 +25,11 @@ const LEAST_GAIN: f64 = 1e-3;
 /// regular if no bin determines the parameter.
 const PRIOR_INFORMATION: f64 = 0.1;
 
-/// Relative step of the derivatives by a band's centre and width: central differences are then exact to eight digits.
+/// Step of the finite differences with respect to a band's slope and to the logarithms of its centre and width.
+/// Central differences are then exact to eight digits.
 const DIFFERENCE: f64 = 1e-4;
 
-/// The number of which a parameter is the logarithm.
+/// The quantity whose logarithm is a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Parameter {
     /// The variance of a source.
@@ -51,14 +52,15 @@ pub struct Scored {
 }
 
 impl Scored {
-    /// Returns whether the band's centre is still near this frequency.
+    /// Returns whether the band's centre is still near this frequency and its width is less than its centre.
     pub fn is_near(&self, hz: f64) -> bool {
         let Some((Source::Band(band), _)) = self.model.sources.last() else { return false };
         (band.hz / hz - 1.0).abs() < self.model.settings.band_shift && band.width < 1.0
     }
 }
 
-/// Refines a model whose last source is a band. `None` if the stretches do not determine all parameters of the band.
+/// Refines a model whose last source is a band. Returns `None` if the stretches do not determine all parameters of
+/// the band.
 pub fn scored(from: &NoiseModel, stretches: &[Stretch]) -> Option<Scored> {
     let mut model = from.clone();
     let last = model.sources.len().checked_sub(1)?;
@@ -77,8 +79,8 @@ pub fn scored(from: &NoiseModel, stretches: &[Stretch]) -> Option<Scored> {
         let (gradient, now) = score(&model, &bins, &parameters);
         information = now;
         let whole = information.clone().cholesky()?.solve(&gradient);
-        // Each parameter moves as far as it may. If that oscillates about a resonance, the step goes along the score,
-        // which always descends.
+        // Each parameter moves as far as it may. If that oscillates about a resonance, the step is in the scoring
+        // direction, in which the misfit always falls at first.
         let along = |share: f64| &whole * (share / whole.amax().max(share));
         let halved = std::iter::successors(Some(LONGEST_STEP), |share| Some(0.5 * share));
         let halved = halved.take_while(|share| *share > SHORTEST_STEP);
@@ -109,7 +111,7 @@ fn move_by(model: &mut NoiseModel, parameter: Parameter, step: f64) {
         (Parameter::Centre(_), (Source::Band(band), _)) => band.hz *= step.exp(),
         (Parameter::Width(_), (Source::Band(band), _)) => band.width *= step.exp(),
         (Parameter::Slope(_), (Source::Band(band), _)) => band.slope += step,
-        // Other sources have no centre.
+        // Other sources have no centre, width or slope.
         _ => (),
     }
 }
@@ -160,7 +162,7 @@ fn score(model: &NoiseModel, bins: &[(f64, DVector<C>)], parameters: &[Parameter
     (gradient, information)
 }
 
-/// Returns the derivative of the density by a parameter.
+/// Returns the derivative of the density with respect to a parameter.
 fn change(model: &NoiseModel, parameter: Parameter, hz: f64) -> DMatrix<C> {
     let of = |source: Source, variance: f64| {
         let outer = model.columns(source, hz).into_iter().map(|h| &h * h.adjoint());

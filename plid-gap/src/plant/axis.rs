@@ -4,17 +4,18 @@ use plid_model::OutputKind;
 use super::{CasePort, KindSource, Plant, Port, PortScale};
 use plid_fourier::C;
 
-/// Frequencies, over the sample rate, between which the response to a motion is compared.
+/// Frequencies, relative to the sample rate, at which the response to a motion is compared.
 const SLOW_AND_FAST: [f64; 2] = [1e-3, 0.25];
 
-/// The axis of each input, as a port, for a plant without lightly damped modes: a motor, a servo, a slider.
+/// Infers the axis of each input, as a port, for a plant without lightly damped modes: a motor, a servo or a slider.
 ///
-/// It is the port between the input and the collocated output: of the outputs that sense a position or a velocity, or
-/// are declared to sense an acceleration, the one to which the input contributes most. A velocity gives the
-/// displacement only if a spring holds the axis. Otherwise the displacement is not a combination of the states.
+/// The axis is the port between the input and the collocated output. Of the outputs that sense a position or a
+/// velocity, or are declared to sense an acceleration, this is the one to which the input contributes the largest
+/// share. A velocity gives the displacement only if a spring holds the axis. Otherwise the displacement is not a
+/// combination of the states.
 ///
-/// Where no output shows a motion, the input itself may be one, and an output the force that it takes: a damper on a
-/// testing machine. `kinds` are the declared kinds of the outputs.
+/// If no output measures a motion, the input itself may be a motion and an output the force that it requires, as for
+/// a damper on a testing machine. `kinds` are the declared kinds of the outputs.
 pub(super) fn infer(plant: &Plant, inputs: &[String], kinds: &[Option<OutputKind>]) -> Vec<Port> {
     let axis = |(input, name): (usize, &String)| {
         let Some(output) = collocated(plant, input) else { return moved(plant, input, name, kinds) };
@@ -24,9 +25,9 @@ pub(super) fn infer(plant: &Plant, inputs: &[String], kinds: &[Option<OutputKind
     inputs.iter().enumerate().filter_map(axis).collect()
 }
 
-/// Returns the port of an input that is a motion, if an output is the force that it takes. That is declared, or the
-/// output follows the input at once and several times more the faster it moves. A force on a spring, a damper or a mass
-/// does so, and a motion does not.
+/// Returns the port of an input that is a motion, if an output is the force that it requires. Either the output is
+/// declared as a force, or it responds to the input at once, and several times more strongly to a fast input than to
+/// a slow one. The force on a damper or a mass does so; the force on a spring, or a motion, does not.
 fn moved(plant: &Plant, input: usize, name: &str, kinds: &[Option<OutputKind>]) -> Option<Port> {
     let at_once = |o: usize| plant.d[(o, input)].abs();
     let is_force = |o: &usize| match kinds.get(*o).copied().flatten() {
@@ -38,7 +39,8 @@ fn moved(plant: &Plant, input: usize, name: &str, kinds: &[Option<OutputKind>]) 
         }
     };
     let output = (0..plant.p).filter(is_force).max_by(|&x, &y| at_once(x).total_cmp(&at_once(y)))?;
-    // The device resists, so its force on what moves it is the opposite of what is measured.
+    // The device resists the motion, so a force at the port appears in the output with the sign opposite to the
+    // feedthrough.
     let measured = -plant.d[(output, input)].signum();
     let none = DVector::zeros(plant.rest.a.nrows());
     Some(Port {
@@ -55,7 +57,7 @@ fn moved(plant: &Plant, input: usize, name: &str, kinds: &[Option<OutputKind>]) 
     })
 }
 
-/// The output that shows the motion of an input's axis, if any does.
+/// Returns the output that measures the motion of an input's axis, if there is one.
 fn collocated(plant: &Plant, input: usize) -> Option<usize> {
     let share = |o: usize| {
         let size = |i: usize| plant.rest.c.row(o).dot(&plant.rest.b.column(i).transpose()).abs();
@@ -66,13 +68,13 @@ fn collocated(plant: &Plant, input: usize) -> Option<usize> {
     (0..plant.p).filter(shows_motion).max_by(|&x, &y| share(x).total_cmp(&share(y))).filter(|&o| share(o) > 0.0)
 }
 
-/// Distance from a pole at the origin at which it is looked for, relative to the fastest pole. Rounding moves a double
-/// pole by the root of the machine's precision.
+/// Distance from the origin at which the compliance is evaluated to detect a pole there, relative to a bound on the
+/// fastest pole. Rounding moves a double pole by the square root of the machine precision.
 const NEAR_ORIGIN: f64 = 1e-7;
 
 impl Plant {
-    /// Stiffness at a port on an axis: the force over the static displacement that it causes. Zero if nothing
-    /// holds the axis, or if its displacement is not known.
+    /// Returns the stiffness at a port on an axis: the force over the static displacement that it causes. Zero if
+    /// nothing holds the axis, or if its displacement is not known.
     pub(super) fn axis_stiffness(&self, port: &Port) -> f64 {
         let Some((a, _)) = self.rest.continuous.as_ref().filter(|(a, _)| !a.is_empty()) else { return 0.0 };
         let size = a.amax() * a.nrows() as f64;
@@ -81,7 +83,8 @@ impl Plant {
             let displaced = shifted.lu().solve(&port.force_rest);
             displaced.map_or(f64::INFINITY, |x| port.displacement_rest.dot(&x).abs())
         };
-        // A pole at the origin lies there up to rounding only. Half as far from it, its compliance is twice as large.
+        // A pole at the origin is there only up to rounding. At half the distance from such a pole, the compliance is
+        // twice as large.
         let is_held = compliance(NEAR_ORIGIN) < 1.5 * compliance(2.0 * NEAR_ORIGIN);
         let at_rest = compliance(0.0);
         if is_held && at_rest > 0.0 && at_rest.is_finite() { at_rest.recip() } else { 0.0 }
@@ -97,7 +100,7 @@ impl Port {
         }
     }
 
-    /// Whether the displacement at the port is known, and not only the velocity.
+    /// Returns whether the displacement at the port is known, and not only the velocity.
     pub fn sees_displacement(&self) -> bool {
         self.moved_by().is_some()
             || self.displacement.iter().any(|x| *x != C::ZERO)
@@ -112,7 +115,7 @@ mod tests {
     use nalgebra::dmatrix;
     use plid_model::Model;
 
-    /// A mass of 2 with a viscous damper of 3 and a spring `k`, seen by its position or its velocity, at 1 kHz.
+    /// A mass of 2 with a viscous damper of 3 and a spring `k`, whose position or velocity is measured at 1 kHz.
     fn axis(k: f64, position: bool) -> Plant {
         let (a, b) = (dmatrix![0.0, 1.0; -k / 2.0, -1.5], dmatrix![0.0; 0.5]);
         let (a, b) = crate::testing::held(&a, &b, 1e-3);
@@ -120,7 +123,7 @@ mod tests {
         Plant::new(&Model::new(1000.0, a, b, c, DMatrix::zeros(1, 1)).unwrap()).unwrap()
     }
 
-    /// That mass without a spring; only its speed is a state.
+    /// The same mass without a spring; only its speed is a state.
     fn motor() -> Plant {
         let (a, b) = crate::testing::held(&dmatrix![-1.5], &dmatrix![0.5], 1e-3);
         Plant::new(&Model::new(1000.0, a, b, dmatrix![1.0], DMatrix::zeros(1, 1)).unwrap()).unwrap()
@@ -146,7 +149,7 @@ mod tests {
         assert!((port.velocity_rest.dot(&port.force_rest) - 0.5).abs() < 1e-6);
     }
 
-    /// Where a spring holds the axis, its displacement is a state, whatever is measured.
+    /// If a spring holds the axis, its displacement is a state, whatever is measured.
     #[test]
     fn a_velocity_gives_the_displacement_on_a_spring() {
         let plant = axis(0.7, false);
@@ -156,7 +159,7 @@ mod tests {
         assert!((plant.stiffness(port) / 0.7 - 1.0).abs() < 1e-6, "{}", plant.stiffness(port));
     }
 
-    /// Nothing holds a slider: its pole at the origin has a continuous form, and its axis no stiffness.
+    /// Nothing holds a slider: its pole at the origin has a continuous form, and its axis has no stiffness.
     #[test]
     fn a_free_slider_has_its_axis() {
         let plant = axis(0.0, true);
@@ -165,7 +168,8 @@ mod tests {
         assert_eq!(plant.stiffness(port), 0.0);
     }
 
-    /// In another basis, rounding moves the pole of a free slider off the origin. It is no spring.
+    /// In another basis, rounding moves the pole of a free slider off the origin. The pole is not mistaken for that
+    /// of a spring.
     #[test]
     fn rounding_is_no_spring() {
         for k in 0..20 {
@@ -183,8 +187,8 @@ mod tests {
         }
     }
 
-    /// A damper on a testing machine, as a model of its records has it: its response rises with the frequency up to
-    /// that of its lag. A spring, a servo and a motor have no such port.
+    /// A damper on a testing machine, as a model of its records represents it: its response rises with frequency up
+    /// to the frequency of its lag. An undeclared spring, a servo and a motor have no such port.
     #[test]
     fn what_moves_a_damper_is_the_motion_at_its_port() {
         let lag: f64 = 0.3;
@@ -203,7 +207,7 @@ mod tests {
             assert!(plant.ports[0].sees_displacement());
         }
         assert!(damper(40.0, Some(OutputKind::Other)).ports.is_empty());
-        // A spring with some damping is one if its output is declared.
+        // A spring with some damping has such a port only if its output is declared.
         let spring = |kind: Option<OutputKind>| {
             let (a, b) = (dmatrix![lag], dmatrix![1.0 - lag]);
             let mut model = Model::new(1000.0, a, b, dmatrix![-1.0], dmatrix![3.0]).unwrap();

@@ -6,12 +6,12 @@ use super::NonModal;
 use crate::settings::PlantSettings;
 use plid_fourier::C;
 
-/// Singular values of a sampled matrix below this are rounding. If the rest is one repeated pole and nothing else, all
-/// of them are.
+/// Singular values of a discrete-time matrix below this value are rounding errors. If the rest consists of a single
+/// repeated pole, all singular values are.
 const ROUNDING: f64 = 1e-9;
 
-/// Largest number of sweeps of a singular value decomposition: the library's iteration may not end if singular values
-/// repeat.
+/// Largest number of sweeps of a singular value decomposition: the library's iteration may not terminate if singular
+/// values repeat.
 const MOST_SWEEPS: usize = 10_000;
 
 /// The pole of one input's actuator.
@@ -26,30 +26,31 @@ pub struct Actuator {
 /// A pole of one output's filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filter {
-    /// Pole in rad/s; of a pair the upper one.
+    /// Pole in rad/s; of a pair, the upper one.
     pub pole: C,
-    /// The direction in the rest that this output sees with gain one, and no other output sees (r).
+    /// The direction of the rest's states that this output observes with gain one, and that no other output observes
+    /// (r).
     pub column: DVector<C>,
 }
 
 /// The actuators before the structure (a real pole for each input) and the filters after it (for each output), as far
-/// as the simulation shows them.
+/// as they can be found in the simulation.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SignalChain {
-    /// For each input, the real pole that it drives alone.
+    /// For each input, the real pole that only this input drives.
     pub actuator: Vec<Option<Actuator>>,
-    /// For each output, the poles that it sees alone.
+    /// For each output, the poles that only this output observes.
     pub filter: Vec<Vec<Filter>>,
 }
 
 impl SignalChain {
-    /// Returns a chain without actuators (m) and filters (p).
+    /// Returns a chain without actuators (m) or filters (p).
     pub(super) fn none(m: usize, p: usize) -> Self {
         Self { actuator: vec![None; m], filter: vec![Vec::new(); p] }
     }
 
-    /// Finds the poles that belong to one input or to one output alone. `lowest` is the magnitude of the lowest mode's
-    /// pole: in a structure that nothing holds, slower poles are those of its motion as a rigid body.
+    /// Finds the poles that belong to a single input or output. `lowest` is the magnitude of the lowest mode's pole:
+    /// in a free structure, slower poles belong to the rigid-body motion.
     pub(super) fn find(rest: &NonModal, step: f64, lowest: f64, settings: &PlantSettings) -> Self {
         let PlantSettings { repeated_pole, own_channel, integrator, .. } = *settings;
         let (r, m, p) = (rest.a.nrows(), rest.b.ncols(), rest.c.nrows());
@@ -78,7 +79,7 @@ impl SignalChain {
                 let driven = rest.b.map(C::from).transpose() * &left;
                 for i in 0..m {
                     if let Some(x) = alone(&driven, i, own_channel) {
-                        // Over a sample a' = pole (u - a) takes 1 - e^{-pole T} of the held input.
+                        // Over a sample, a' = pole (u - a) adds 1 - e^{-pole T} times the held input.
                         let row = (&left * x).map(|x| x.re) * (1.0 - z.re);
                         chain.actuator[i] = Some(Actuator { pole: -pole.re, row });
                         driven_alone = true;
@@ -139,8 +140,8 @@ impl SignalChain {
     }
 }
 
-/// Returns the poles (of a pair, the upper one), and how often each occurs. Poles within the relative distance
-/// `repeated_pole` are one.
+/// Returns the poles (of a pair, the upper one) with their multiplicities. Poles within the relative distance
+/// `repeated_pole` count as one.
 fn clusters(a: &DMatrix<f64>, repeated_pole: f64) -> Vec<(C, usize)> {
     let mut found: Vec<(C, usize)> = Vec::new();
     let matrix = faer::Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)]);
@@ -162,7 +163,8 @@ fn clusters(a: &DMatrix<f64>, repeated_pole: f64) -> Vec<(C, usize)> {
     found
 }
 
-/// Returns the `count` directions in which a matrix is zero up to a relative tolerance, if there are that many.
+/// Returns a basis of the `count` directions in which a matrix is zero up to a relative tolerance, if there are that
+/// many.
 fn null_space(matrix: &DMatrix<C>, count: usize, tolerance: f64) -> Option<DMatrix<C>> {
     let svd = matrix.clone().try_svd(false, true, f64::EPSILON, MOST_SWEEPS)?;
     let v = svd.v_t?.adjoint();

@@ -4,28 +4,28 @@ use super::motion::Row;
 use super::{Plant, Port, PortScale, PortSource};
 use plid_fourier::C;
 
-/// A port as a case declares it: where a force may act, by an input and an output (both from 0).
+/// A port as a case declares it: the location where a force may act, given by an input and an output (both counted
+/// from 0).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CasePort {
     /// Its name.
     pub name: String,
-    /// The input that enters where the force does.
+    /// The input that acts where the force acts.
     pub input: usize,
-    /// The output that shows the motion there.
+    /// The output that measures the motion there.
     pub output: usize,
 }
 
 impl Plant {
-    /// Adds ports that a case declares. They replace those that were inferred; ports that the simulation declares are
-    /// kept.
+    /// Adds ports that a case declares. They replace inferred ports; ports that the simulation declares are kept.
     ///
-    /// A force at a port enters as its input does, after the actuator if the simulation shows one before its modes, and
-    /// meets the motion that its output shows, before the filters. Two ports of one input are told apart by their
-    /// names; the only port of an input is at the location of that input.
+    /// A force at a port acts where the port's input acts, after the actuator if the simulation has one before its
+    /// modes. It depends on the motion that the port's output measures, before the filters. Two ports of one input
+    /// are distinguished by their names; the only port of an input is at the location of that input.
     ///
     /// # Errors
-    /// The name of a port, and why no force can act there: its output shows no motion, or the simulation has no
-    /// continuous form, or another port has this name.
+    /// The name of a port, and the reason why no force can act there: its output measures no motion, or the
+    /// simulation has no continuous form, or another port has this name.
     pub fn declare(&mut self, ports: &[CasePort]) -> Result<(), (String, String)> {
         if ports.is_empty() {
             return Ok(());
@@ -47,10 +47,10 @@ impl Plant {
         Ok(())
     }
 
-    /// Returns the port between an input and an output, which belongs to no input.
+    /// Returns the port between an input and an output. The port is not assigned to an input.
     ///
     /// # Errors
-    /// Why there is none, in words.
+    /// The reason why there is no such port, in words.
     pub(super) fn between(&self, declared: &CasePort) -> Result<Port, String> {
         let CasePort { name, input, output } = declared;
         if self.rest.continuous.is_none() {
@@ -80,14 +80,15 @@ impl Plant {
         })
     }
 
-    /// Returns how a force enters that acts where an input does: on the modes, on the rest, and on the outputs at once.
+    /// Returns the factors with which a force that acts where an input acts enters the modes, the rest and, at once,
+    /// the outputs.
     ///
-    /// Behind an actuator with the pole p, a force f is an input u = f + f' / p. In the states less B f / p, it enters
-    /// by B + A B / p.
+    /// Behind an actuator with the pole p, a force f is equivalent to an input u = f + f' / p. If B f / p is subtracted
+    /// from the states, the force enters through B + A B / p.
     pub(super) fn entry(&self, input: usize) -> (Vec<C>, DVector<f64>, Vec<f64>) {
         let Some((a, b)) = &self.rest.continuous else { return Default::default() };
         let column: DVector<f64> = b.column(input).into_owned();
-        // A force moves nothing at once: the feedthrough of a position or a velocity is an error of its model.
+        // A force changes no position or velocity at once: a feedthrough to one of these is an error of the model.
         let moves = |o: usize| self.sensed[o].order == 2;
         let direct: Vec<f64> = (0..self.p).map(|o| if moves(o) { self.d[(o, input)] } else { 0.0 }).collect();
         let actuator = self.chain.actuator[input].as_ref().filter(|_| !self.modes.is_empty());
@@ -98,7 +99,7 @@ impl Plant {
         let of_modes = |o: usize| -> f64 {
             self.modes.iter().map(|mode| 2.0 * (mode.c[o] * mode.b[input]).re / actuator.pole).sum()
         };
-        // An output that a force reaches through further poles sees the sum of their parts, which is rounding.
+        // For an output that a force reaches through further poles, the parts cancel, so the sum is a rounding error.
         let at_once = (0..self.p).map(|o| {
             let sum = seen[o] + of_modes(o) + direct[o];
             if self.answers_at_once(o) { sum } else { 0.0 }
@@ -118,7 +119,7 @@ mod tests {
         CasePort { name: name.into(), input, output }
     }
 
-    /// Where accelerometers are at the struts, a port of an input and an output is the strut that the simulation
+    /// If accelerometers are at the struts, a port between an input and an output is the strut that the simulation
     /// declares, behind the actuator and before the filter.
     #[test]
     fn a_port_between_an_input_and_an_output_is_the_declared_strut() {
@@ -142,7 +143,7 @@ mod tests {
         }
     }
 
-    /// Ports of the simulation stay. Ports that share an input have only their names.
+    /// Ports of the simulation are kept. Ports that share an input are distinguished only by their names.
     #[test]
     fn declared_ports_stay_and_names_tell_two_apart() {
         let model = testing::truss(1);
@@ -159,7 +160,7 @@ mod tests {
         assert_eq!(inputs, [None, None, Some(1)]);
     }
 
-    /// Nothing moves where the output follows the input at once.
+    /// An output that follows the input at once measures no motion.
     #[test]
     fn an_output_without_motion_is_refused() {
         let model = Model::new(100.0, dmatrix![0.5], dmatrix![1.0], dmatrix![1.0], dmatrix![30.0]).unwrap();

@@ -1,21 +1,22 @@
-//! An actuator that lags inside the loop that its input commands.
+//! An actuator that lags within the loop that its input commands.
 //!
-//! The input of a position servo is a reference. Its torque follows the reference and the motion, and what lags is that
-//! torque. This is not a lag of the command: it takes damping away from the loop. In continuous time, the motion at the
-//! port obeys M dv/dt = T + f, with a torque T that is a row of the state and of the inputs. The lagged torque z takes
-//! its place: w (T - z) = dz/dt. Everything that accelerates the port counts as torque, so friction outside the loop
-//! lags, too.
+//! The input of a position servo is a reference. Its torque depends on the reference and on the motion, and it is
+//! this torque that lags. Unlike a lag of the command, this lag reduces the damping of the loop. In continuous time,
+//! the motion at the port obeys M dv/dt = T + f, where the torque T is a linear function of the state and the inputs.
+//! The lagged torque z replaces T: dz/dt = w (T - z). Everything that accelerates the port counts as torque, so
+//! friction outside the loop lags, too.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::Plant;
 use super::load::held;
 
-/// Largest difference of the static position from the command of a servo, relative to the command.
+/// Largest difference between a servo's static position and its command, relative to the command.
 const FOLLOWS: f64 = 0.01;
 
 impl Plant {
-    /// Returns whether an input is the position that its own port shall have: at rest, the port is there.
+    /// Returns whether the input of a port commands the port's position, that is, whether the static position of the
+    /// port equals the input.
     pub fn commands_position(&self, port: usize) -> bool {
         let Some(input) = self.ports[port].input.filter(|_| self.mobility(port) > 0.0) else { return false };
         let Some((a, b)) = &self.rest.continuous else { return false };
@@ -30,7 +31,7 @@ impl Plant {
         rest.is_some_and(|rest| (modes + rest - 1.0).abs() < FOLLOWS)
     }
 
-    /// Lets the force that accelerates a port follow through a lag with this pole in rad/s. Nothing changes without a
+    /// Passes the force that accelerates a port through a lag with this pole in rad/s. Nothing changes without a
     /// continuous form of the rest.
     pub fn lag_drive(&mut self, number: usize, pole: f64) {
         let mobility = self.mobility(number);
@@ -74,7 +75,8 @@ mod tests {
 
     const RATE: f64 = 500.0;
 
-    /// A servo of unit mass with these gains of position and velocity and this pole of its drive in rad/s, if it lags.
+    /// Returns a servo of unit mass with these position and velocity gains. If its drive lags, `pole` is the pole of
+    /// the drive in rad/s.
     fn servo(stiffness: f64, damping: f64, pole: Option<f64>, kind: OutputKind) -> Plant {
         let (mut a, mut b) = (dmatrix![0.0, 1.0; -stiffness, -damping], dmatrix![0.0; stiffness]);
         let (mut seen, mut direct) = match kind {
@@ -96,7 +98,8 @@ mod tests {
         plant
     }
 
-    /// Lightly damped or not, seen by any sensor: the response is that of a servo that is built with the lag.
+    /// Whether the servo is lightly damped or not, and whatever its sensor measures, its response is that of a servo
+    /// that is built with the lag.
     #[test]
     fn a_lagged_drive_is_a_servo_built_so() {
         for kind in [OutputKind::Position, OutputKind::Velocity, OutputKind::Acceleration] {
@@ -112,7 +115,7 @@ mod tests {
         }
     }
 
-    /// A force on a mass with a spring is no position.
+    /// A force on a mass with a spring is not a commanded position.
     #[test]
     fn a_shaker_commands_no_position() {
         let (a, b) = crate::testing::held(&dmatrix![0.0, 1.0; -436.0, -4.0], &dmatrix![0.0; 1.0], 1.0 / RATE);

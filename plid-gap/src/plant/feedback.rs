@@ -1,5 +1,5 @@
-//! The plant in closed loop. Its own modes, poles and ports do not change: the controller acts at the samples,
-//! where a simulation lets it read the outputs and add to the inputs.
+//! The plant in closed loop. Its own modes, poles and ports do not change: at each sample, a simulation lets the
+//! controller read the outputs and add to the inputs.
 
 use std::sync::Arc;
 
@@ -9,11 +9,11 @@ use super::Plant;
 use crate::case::Controller;
 use plid_fourier::C;
 
-/// Lowest frequency, over the sample rate, at which the loop is evaluated: integrators have a pole at zero.
+/// Lowest frequency, relative to the sample rate, at which the loop is evaluated: integrators have a pole at zero.
 const LOWEST: f64 = 1e-9;
 
 impl Controller {
-    /// Returns the response from the plant's outputs to its inputs at a frequency (m x p).
+    /// Returns the frequency response from the plant's outputs to its inputs (m x p).
     fn response(&self, hz: f64, rate: f64) -> DMatrix<C> {
         let z = C::cis(std::f64::consts::TAU * hz / rate);
         let k = self.a.nrows();
@@ -27,7 +27,7 @@ impl Controller {
 }
 
 impl Plant {
-    /// Closes a loop around the plant. A port that moves as its input does is removed, because the command there is not
+    /// Closes a loop around the plant. A port whose motion is its input is removed, because the command there is not
     /// known before a run.
     pub fn close(&mut self, controller: Arc<Controller>) {
         self.ports.retain(|port| port.moved_by().is_none());
@@ -40,20 +40,20 @@ impl Plant {
         let controller = self.controller.as_ref()?;
         let hz = hz.max(LOWEST * self.rate);
         let response = controller.response(hz, self.rate);
-        // Outputs that were added to the plant are not read.
+        // The controller does not read outputs that were added to the plant.
         let feedback = DMatrix::from_fn(self.m, self.p, |i, o| *response.get((i, o)).unwrap_or(&C::ZERO));
         let loop_gain = self.open_response(hz) * feedback;
         (DMatrix::identity(self.p, self.p) - loop_gain).try_inverse()
     }
 
-    /// Returns the response p x m at a frequency, for held inputs; in closed loop, for the part that is added to the
+    /// Returns the frequency response (p x m) for held inputs; in closed loop, for the inputs that are added to the
     /// commands of the controller.
     pub fn response(&self, hz: f64) -> DMatrix<C> {
         let open = self.open_response(hz);
         self.sensitivity(hz).map_or(open.clone(), |sensitivity| sensitivity * open)
     }
 
-    /// Returns the response (p) to a force at a port, held over samples, at a frequency.
+    /// Returns the frequency response (p) to a force at a port that is held over each sample.
     pub fn port_response(&self, port: usize, hz: f64) -> DVector<C> {
         let open = self.open_port_response(port, hz);
         self.sensitivity(hz).map_or(open.clone(), |sensitivity| sensitivity * open)

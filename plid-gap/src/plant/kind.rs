@@ -1,4 +1,4 @@
-//! Which derivative of a displacement each output follows.
+//! The derivative of a displacement that each output measures.
 //!
 //! A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k): a displacement for
 //! k = 0, a velocity for k = 1, an acceleration for k = 2. The order k determines how a changed mode changes the
@@ -23,7 +23,7 @@ const BELOW: f64 = 0.1;
 /// The highest frequency of the comparison, relative to the highest mode.
 const ABOVE: f64 = 4.0;
 
-/// Frequencies between which the slope of a response without resonances is taken, relative to the sample rate.
+/// Frequencies, relative to the sample rate, between which the slope of a response without resonances is computed.
 const SLOPE_BETWEEN: [f64; 2] = [0.125, 0.25];
 
 /// The slope halfway between those of a position (-2) and of a velocity (-1).
@@ -38,18 +38,18 @@ const VELOCITY_OR_ACCELERATION: f64 = -0.5;
 pub enum KindSource {
     /// The simulation or the case declares it.
     Declared,
-    /// The simulation's responses show it.
+    /// The kind is inferred from the simulation's responses.
     Inferred,
-    /// Neither does, and an acceleration is assumed.
+    /// An acceleration is assumed, because the kind is not declared and cannot be inferred.
     Assumed,
 }
 
-/// The derivative of a displacement that an output follows.
+/// The derivative of a displacement that an output measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sensed {
     /// The order of the derivative: 0, 1 or 2.
     pub order: i32,
-    /// Where it comes from.
+    /// The source of the order.
     pub source: KindSource,
 }
 
@@ -67,7 +67,7 @@ impl Sensed {
     }
 }
 
-/// Returns the orders of all outputs (p), as declared or as the simulation shows them.
+/// Returns the orders of all outputs (p), as declared or as inferred from the simulation.
 pub(super) fn sensed(plant: &Plant, declared: &[Option<OutputKind>]) -> Vec<Sensed> {
     let order = |kind: OutputKind| match kind {
         OutputKind::Position => Some(0),
@@ -90,7 +90,7 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     let mut distances: Vec<(f64, i32)> = (0..3).map(|order| (distance(plant, output, order), order)).collect();
     distances.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [(nearest, order), (next, _), ..] = distances[..] else { return Sensed::ASSUMED };
-    // NaN, if nothing can be compared, is not below the threshold.
+    // The distance is NaN if nothing can be compared, and NaN is not below the threshold.
     if nearest < plant.settings.kind_distance && nearest < plant.settings.kind_ratio * next {
         Sensed { order, source: KindSource::Inferred }
     } else {
@@ -98,14 +98,14 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     }
 }
 
-/// Returns the mean distance of the responses of all outputs from those that actuators, modes, filters and sensors
-/// together have; NaN if it is not known.
+/// Returns the mean distance of the responses of all outputs from those of the actuators, modes, filters and sensors
+/// together; NaN if it is not known.
 pub(super) fn misfit(plant: &Plant) -> f64 {
     (0..plant.p).map(|o| distance(plant, o, plant.sensed[o].order)).sum::<f64>() / plant.p as f64
 }
 
-/// Infers the order of a plant without modes from the decay of its response at high frequencies. A force causes an
-/// acceleration at once; a velocity decays as 1/s, and a position as 1/s^2.
+/// Infers the order of an output of a plant without modes from the decay of its response at high frequencies. A force
+/// causes an acceleration at once; a velocity decays as 1/s, and a position as 1/s^2.
 fn by_slope(plant: &Plant, output: usize) -> Sensed {
     let size = |share: f64| {
         let response = response(plant, output, C::new(0.0, TAU * share * plant.rate))?;
@@ -171,7 +171,7 @@ mod tests {
     use super::*;
     use crate::testing::{self, Sensor};
 
-    /// The kind of each sensor is inferred for the same truss, with actuators and filters and with plain sensors.
+    /// The kind of each sensor is inferred for the same truss, with actuators and filters.
     #[test]
     fn each_sensor_is_told_from_the_simulation() {
         for seed in 0..4 {
@@ -188,8 +188,9 @@ mod tests {
         }
     }
 
-    /// A slow pole in a plant with a mode is not taken for an actuator, although one input drives all poles: a model
-    /// identified from records of a position, whose slow pole contributes half of the static response.
+    /// A slow pole in a plant with a mode is not taken for an actuator, although one input drives all poles. The
+    /// plant resembles a model that was identified from records of a position, and its slow pole contributes half of
+    /// the static response.
     #[test]
     fn a_slow_pole_next_to_a_mode_is_not_a_lag() {
         let (w, slow, rate) = (250.0, 19.0, 750.0);

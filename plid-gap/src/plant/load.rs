@@ -15,12 +15,12 @@ pub struct Load {
 }
 
 impl Load {
-    /// Least share of its inertia that a port keeps, however much a fit takes away.
+    /// Least share of its inertia that a port keeps, however much a fit removes.
     pub const LEAST_INERTIA: f64 = 0.05;
 }
 
 impl Port {
-    /// Returns the rate at which a unit force at the port changes what a row of the states shows.
+    /// Returns the rate at which a unit force at the port changes the value of a row of the states.
     pub(super) fn at_once(&self, modes: &[C], rest: &DVector<f64>) -> f64 {
         let modes: f64 = modes.iter().zip(&self.force).map(|(row, force)| 2.0 * (row * force).re).sum();
         modes + rest.dot(&self.force_rest)
@@ -29,7 +29,7 @@ impl Port {
 
 impl Plant {
     /// Returns the acceleration that a unit force causes at a port at once, which is one over the inertia there. Zero
-    /// if the force passes something else first, as the lag of a torque.
+    /// if the force first passes through another state, such as the lag of a torque.
     pub fn mobility(&self, port: usize) -> f64 {
         let port = &self.ports[port];
         port.at_once(&port.velocity, &port.velocity_rest)
@@ -46,9 +46,9 @@ impl Plant {
         -(modes + port.velocity_rest.dot(&(a * &port.force_rest))) / mobility.powi(2)
     }
 
-    /// Adds a linear force at a port. The result is exact for a mass of any size, because the acceleration is solved
-    /// for: it depends on the force, and the force on it. Modes are coupled by it, so all states are in one block then.
-    /// Nothing changes without a continuous form of the rest.
+    /// Adds a linear force at a port. The result is exact for a mass of any size, because force and acceleration,
+    /// which depend on each other, are solved for together. The force couples the modes, so all states are then in
+    /// one block. Nothing changes without a continuous form of the rest.
     pub fn load(&mut self, number: usize, load: &Load) {
         if self.rest.continuous.is_none() {
             return;
@@ -66,7 +66,7 @@ impl Plant {
         };
         let carries = (1.0 + load.mass * velocity.dot(&force)).max(Load::LEAST_INERTIA);
         let row = row / -carries;
-        // The force is row . x + gain u of each input, and the same of each further force.
+        // The force is row . x + gain u for each input, and likewise for each further force.
         let gain = |column: &DVector<f64>| -load.mass * velocity.dot(column) / carries;
         let at_once = DVector::from_fn(self.p, |o, _| at_once.get(o).copied().unwrap_or(0.0));
         let gains = DVector::from_iterator(self.m, b.column_iter().map(|column| gain(&column.into_owned())));
@@ -83,7 +83,7 @@ impl Plant {
         self.rest = held(a + &force * row.transpose(), b + &force * gains.transpose(), c, 1.0 / self.rate);
     }
 
-    /// Puts all states into the rest: (Re z, Im z) of each mode, then the others.
+    /// Moves all states into the rest: (Re z, Im z) of each mode, then the others.
     pub(super) fn couple(&mut self) {
         let (q, r) = (self.modes.len(), self.rest.a.nrows());
         let Some((a_rest, b_rest)) = self.rest.continuous.clone().filter(|_| q > 0) else { return };
@@ -129,7 +129,8 @@ mod tests {
     use nalgebra::dmatrix;
     use plid_model::{Model, OutputKind};
 
-    /// A mass on a damper and a spring, seen by its position, velocity or acceleration at 500 Hz, with a port there.
+    /// A mass on a damper and a spring, whose position, velocity or acceleration is measured at 500 Hz, with a port
+    /// at the mass.
     fn servo([m, c, k]: [f64; 3], kind: OutputKind) -> Plant {
         let (a, b) = (dmatrix![0.0, 1.0; -k / m, -c / m], dmatrix![0.0; 1.0 / m]);
         let (seen, direct) = match kind {
@@ -152,8 +153,8 @@ mod tests {
 
     const KINDS: [OutputKind; 3] = [OutputKind::Position, OutputKind::Velocity, OutputKind::Acceleration];
 
-    /// A mass that is several times the plant's own, one that is taken away, a damper and a spring: each time the
-    /// response is that of a servo built so, lightly damped or not.
+    /// The loads are a mass that is several times the plant's own, a mass that is taken away, a damper and a spring.
+    /// In each case, the response is that of a servo that is built with the load, lightly damped or not.
     #[test]
     fn a_loaded_servo_is_a_servo_built_so() {
         for own in [[2.0, 60.0, 1800.0], [2.0, 6.0, 1800.0]] {
@@ -164,7 +165,7 @@ mod tests {
                     loaded.load(0, &Load { mass: load[0], damping: load[1], stiffness: load[2] });
                     let built = servo(std::array::from_fn(|j| own[j] + load[j]), kind);
                     assert!(far(&loaded, &built) < 1e-6, "{own:?} {kind:?} {load:?}: {}", far(&loaded, &built));
-                    // A further force there finds the heavier mass.
+                    // A further force there acts on the changed mass.
                     assert!((loaded.mobility(0) * (own[0] + load[0]) - 1.0).abs() < 1e-6, "{kind:?} {load:?}");
                 }
             }

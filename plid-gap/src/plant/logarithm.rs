@@ -1,9 +1,9 @@
 use nalgebra::DMatrix;
 
-/// Distance from the unit matrix below which square roots give way to the series.
+/// Distance from the identity matrix below which no further square root is taken and the quadrature is applied.
 const NEAR_ONE: f64 = 0.2;
 
-/// Largest number of square roots. If more are needed, an eigenvalue is zero or lies on the negative axis.
+/// Largest number of square roots. If more are needed, an eigenvalue is zero or lies on the negative real axis.
 const MOST_ROOTS: i32 = 40;
 
 /// Nodes and weights of Gauss-Legendre quadrature on [0, 1], eight points:
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
     use nalgebra::dmatrix;
 
-    /// A double pole has no basis of eigenvectors.
+    /// A Jordan block has a logarithm, although it has no basis of eigenvectors.
     #[test]
     fn a_jordan_block_has_its_logarithm() {
         let log = dmatrix![-0.3, 1.0, 0.0; 0.0, -0.3, 1.0; 0.0, 0.0, -0.3];

@@ -1,8 +1,8 @@
-//! The simulation in modal form: the structure's pairs of poles one by one, and the rest (actuators, filters) in
-//! one block.
+//! The simulation in modal form: each pair of structural poles by itself, and the rest (actuators, filters) in one
+//! block.
 //!
-//! In these coordinates, a frequency, damping ratio or shape of one mode can be changed by itself, in whatever
-//! state-space basis the simulation was written.
+//! In these coordinates, the frequency, damping ratio or shape of one mode can be changed by itself, whatever the
+//! state-space basis of the simulation.
 
 mod axis;
 mod chain;
@@ -51,7 +51,7 @@ pub struct Mode {
 }
 
 impl Mode {
-    /// |pole| / 2 pi.
+    /// Returns the frequency in Hz, |pole| / 2 pi.
     pub fn hz(&self) -> f64 {
         self.pole.norm() / std::f64::consts::TAU
     }
@@ -62,14 +62,14 @@ impl Mode {
     }
 }
 
-/// Factors of a mode's output rows if its pole moves and its physical shapes stay: with dz/dt = pole z + b f, q = 2
-/// Re(z / (pole - conj pole)) for a real b.
+/// Factors on a mode's output rows if its pole moves and its physical shapes do not change. For a real b,
+/// dz/dt = pole z + b f and q = 2 Re(z / (pole - conj pole)).
 pub(crate) struct Carried {
-    /// Factor of the row of q.
+    /// Factor on the row of q.
     pub displacement: f64,
-    /// Factor of the row of q'.
+    /// Factor on the row of q'.
     pub velocity: C,
-    /// Factor of the row of q".
+    /// Factor on the row of q".
     acceleration: C,
 }
 
@@ -82,7 +82,7 @@ impl Carried {
         Self { displacement, velocity: turn * displacement, acceleration: turn * turn * displacement }
     }
 
-    /// Returns the factor of an output's row.
+    /// Returns the factor on an output's row.
     pub(crate) fn sensed(&self, sensed: Sensed) -> C {
         match sensed.order {
             0 => C::from(self.displacement),
@@ -109,9 +109,9 @@ pub struct NonModal {
 /// form.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Port {
-    /// Its name; that of the input if it was inferred.
+    /// The name of the port; an inferred port has the name of its input or output.
     pub name: String,
-    /// The input (from 0) to which the port belongs.
+    /// The input (counted from 0) to which the port belongs.
     pub input: Option<usize>,
     /// The quantities in which its force and its motion are given.
     pub scale: PortScale,
@@ -140,7 +140,7 @@ pub struct Plant {
     pub m: usize,
     /// Number of outputs.
     pub p: usize,
-    /// Structural modes by rising frequency.
+    /// Structural modes, in order of increasing frequency in the simulation as given; added modes come last.
     pub modes: Vec<Mode>,
     /// All other states.
     pub rest: NonModal,
@@ -152,21 +152,20 @@ pub struct Plant {
     pub port_source: PortSource,
     /// Actuators and filters.
     pub chain: SignalChain,
-    /// The derivative of a displacement that each output follows (p).
+    /// The derivative of a displacement that each output measures (p).
     pub sensed: Vec<Sensed>,
-    /// The controller that closes a loop around the plant at the samples, if there is one. The inputs of a run are then
-    /// added to its commands.
+    /// The discrete-time controller that closes a loop around the plant, if there is one. The inputs of a run are
+    /// then added to its commands.
     pub controller: Option<Arc<Controller>>,
-    /// A constant that each output has beside its response (p), if the simulation is a model of the records; empty
-    /// otherwise.
+    /// A constant offset of each output (p) if the simulation is a model of the records; empty otherwise.
     pub offsets: Vec<f64>,
-    /// The simulation's own basis, by which a changed plant is written back.
+    /// The basis of the decomposition, by which declared ports are written in modal coordinates.
     basis: Basis,
-    /// The thresholds by which it was decomposed.
+    /// The thresholds of the decomposition.
     settings: PlantSettings,
 }
 
-/// x = sum of 2 Re(right z) + rest x_r, with z = left x and x_r = rest_inverse x.
+/// The basis of the decomposition: x = sum of 2 Re(right z) + rest x_r, with z = left x and x_r = rest_inverse x.
 #[derive(Debug, Clone, PartialEq)]
 struct Basis {
     right: Vec<DVector<C>>,
@@ -192,7 +191,7 @@ fn structural(model: &Model, settings: &PlantSettings) -> Result<Vec<Structural>
 }
 
 impl Plant {
-    /// Decomposes a simulation, by the default thresholds.
+    /// Decomposes a simulation with the default thresholds.
     ///
     /// # Errors
     /// [`GapError::Model`] if the eigenvalues cannot be computed.
@@ -223,7 +222,7 @@ impl Plant {
             .enumerate()
             .map(|(k, &z)| {
                 let pole = z.ln() * rate;
-                // Over one sample the held input adds (e^{pole T} - 1) / pole b.
+                // Over one sample, a held unit input adds (e^{pole T} - 1) / pole b to the state.
                 let held = (z - 1.0) / pole;
                 let b = (basis.left[k].transpose() * model.b.map(C::from)) / held;
                 let c = model.c.map(C::from) * &basis.right[k];
@@ -259,8 +258,8 @@ impl Plant {
         Ok(plant)
     }
 
-    /// Returns the plant without actuators and filters if its responses are nearer to those of its modes alone. With
-    /// one input and one output, every further pole is that of one channel, wherever it acts.
+    /// Returns the plant without actuators and filters if its modes alone reproduce its responses better than with
+    /// these. With one input and one output, every further pole seems to belong to that channel, wherever it acts.
     fn with_the_chain_that_fits(self, declared: &[Option<OutputKind>]) -> Self {
         if !self.chain.known() || self.modes.is_empty() {
             return self;
@@ -277,7 +276,7 @@ impl Plant {
         let row = |values: &[f64]| DVector::from_column_slice(values);
         let modal_row = |values: &[f64]| right.iter().map(|r| r.dot(&row(values).map(C::from))).collect();
         let input = port.input.as_ref().and_then(|name| model.inputs.iter().position(|input| input == name));
-        // A port without a motion of the states moves with its input.
+        // A port that neither acts on the states nor moves with them has its input as its motion.
         let stands = [&port.force, &port.displacement, &port.velocity].into_iter().flatten().all(|x| *x == 0.0);
         let shown = port.output.iter().flatten().position(|x| *x != 0.0);
         let scale = match (input, shown) {
@@ -407,7 +406,7 @@ impl Plant {
     }
 }
 
-/// Formats a frequency with one decimal or four digits, whichever is more precise.
+/// Formats a frequency with one decimal or four significant digits, whichever is more precise.
 pub fn plain_hz(hz: f64) -> String {
     let digits = if hz > 0.0 { (3.0 - hz.log10().floor()).clamp(1.0, 12.0) as usize } else { 1 };
     format!("{hz:.digits$}")
@@ -434,7 +433,8 @@ fn lowest(modes: &[Mode]) -> f64 {
 fn signal_chain(rest: &NonModal, modes: &[Mode], step: f64, settings: &PlantSettings) -> SignalChain {
     let mut chain = SignalChain::find(rest, step, lowest(modes), settings);
     if modes.is_empty() && chain.actuator.len() == 1 {
-        // Its only input drives every pole alone: that of the axis itself as well as that of an actuator.
+        // The only input drives every pole alone, so the pole of the axis cannot be distinguished from that of an
+        // actuator.
         chain.actuator = vec![None];
     }
     chain
@@ -442,7 +442,7 @@ fn signal_chain(rest: &NonModal, modes: &[Mode], step: f64, settings: &PlantSett
 
 type Structural = (C, DVector<C>, DVector<C>);
 
-/// Returns the simulation with states of similar size, whatever its basis.
+/// Returns the simulation with its states scaled to similar size, whatever its basis.
 fn balanced(model: &Model) -> Model {
     let mut balanced = model.clone();
     let scale = nalgebra::linalg::balancing::balance_parlett_reinsch(&mut balanced.a);
@@ -463,8 +463,8 @@ fn balanced(model: &Model) -> Model {
     balanced
 }
 
-/// Returns a pole with its right and left eigenvectors (l . r = 1), by inverse iteration on each side. Repeated poles
-/// elsewhere do not disturb it, although they make the matrix of all eigenvectors singular.
+/// Returns a pole with its right and left eigenvectors (l . r = 1), by inverse iteration on each side. Other poles
+/// that are repeated do not disturb the iteration, although they make the matrix of all eigenvectors singular.
 fn eigenvectors(a: &DMatrix<f64>, pole: C) -> Option<Structural> {
     let n = a.nrows();
     let matrix = a.map(C::from);
@@ -532,9 +532,9 @@ fn rest_in_time(
     Some((log.view((0, 0), (r, r)).into_owned(), log.view((0, r), (r, m)).into_owned()))
 }
 
-/// Infers the ports of a simulation that declares none: on the axis of each input and, in a structure, at its further
-/// positions and velocities; from the modes, where no output shows the motion of the axes, at each input and at the
-/// outputs that reciprocity reaches.
+/// Infers the ports of a simulation that declares none. If outputs measure the motion of the axes, there is a port on
+/// the axis of each input and, in a structure, at each further position or velocity. Otherwise, the modes give a port
+/// at each input and at the outputs that reciprocity reaches.
 fn inferred(plant: &Plant, model: &Model) -> (Vec<Port>, PortSource) {
     if plant.modes.is_empty() {
         return (axis::infer(plant, &model.inputs, &model.output_kinds), PortSource::Axis);
@@ -545,14 +545,14 @@ fn inferred(plant: &Plant, model: &Model) -> (Vec<Port>, PortSource) {
     }
 }
 
-/// (e^x - 1) / x.
+/// Returns (e^x - 1) / x.
 pub(crate) fn phi1(x: C) -> C {
     if x.norm() < 1e-3 { C::ONE + x * (0.5 + x / 6.0 * (1.0 + x / 4.0)) } else { (x.exp() - 1.0) / x }
 }
 
 impl Plant {
-    /// Moves a mode's pole and keeps its physical shapes: q" + 2 zeta w q' + w^2 q = b.a, where an output measures a
-    /// derivative of c q, after the actuators and before the filters.
+    /// Moves a mode's pole and keeps its physical shapes. The mode obeys q" + 2 zeta w q' + w^2 q = b.a, where a are
+    /// the outputs of the actuators, and before the filters an output measures a derivative of c q.
     pub fn move_pole(&mut self, k: usize, pole: C) {
         let from = self.modes[k].pole;
         let rows = Carried::new(from, pole);
@@ -570,14 +570,15 @@ impl Plant {
         }
     }
 
-    /// Changes a mode, and with it the response through the poles of actuators and filters.
+    /// Changes a mode, and with it the mode's response through the poles of actuators and filters.
     pub fn change(&mut self, k: usize, change: impl FnOnce(&mut Mode)) {
         self.pass(k, -1.0);
         change(&mut self.modes[k]);
         self.pass(k, 1.0);
     }
 
-    /// Adds a mode: q" + 2 zeta w q' + w^2 q = b.a, where each output measures its derivative of c q.
+    /// Adds a mode: q" + 2 zeta w q' + w^2 q = b.a, where a are the outputs of the actuators, and each output
+    /// measures its derivative of c q.
     pub fn add_mode(&mut self, pole: C, b: &[f64], c: &[f64]) {
         // z' = pole z + b a, q = 2 Re(z / (pole - conj pole)).
         let scale = |o: usize| pole.powi(self.sensed[o].order) / C::new(0.0, 2.0 * pole.im);
@@ -594,7 +595,8 @@ impl Plant {
         self.pass(self.modes.len() - 1, 1.0);
     }
 
-    /// Returns gamma_o beta_i of a mode in physical form: the response of an output to a unit input, before the filter.
+    /// Returns gamma_o beta_i of a mode in physical form: the product of its output and input shapes, without the
+    /// actuator and the filter.
     pub fn product(&self, mode: &Mode, o: usize, i: usize) -> f64 {
         self.product_of(mode, o, i, self.sensed[o].order)
     }
@@ -612,7 +614,7 @@ impl Plant {
     }
 
     /// Returns whether the paths from the modes to the outputs are known. Only then does a changed mode change the
-    /// response through them.
+    /// response through these paths.
     fn understood(&self) -> bool {
         self.chain.known() || self.sensed.iter().any(|sensed| sensed.source != KindSource::Assumed)
     }
@@ -622,7 +624,8 @@ impl Plant {
         self.understood() && self.sensed[o].order == 2 && self.chain.filter[o].is_empty()
     }
 
-    /// Adds or subtracts a mode's response through the poles of actuators and filters, which are its residues there.
+    /// Adds or subtracts a mode's response through the poles of actuators and filters, that is, its residues at these
+    /// poles.
     fn pass(&mut self, k: usize, sign: f64) {
         if !self.understood() {
             return;
@@ -656,7 +659,7 @@ impl Plant {
 }
 
 impl Plant {
-    /// Returns the response (p) to a force at a port, held over samples, at a frequency; without a controller.
+    /// Returns the open-loop frequency response (p) to a force at a port that is held over each sample.
     fn open_port_response(&self, port: usize, hz: f64) -> DVector<C> {
         let z = C::cis(std::f64::consts::TAU * hz / self.rate);
         let port = &self.ports[port];
@@ -674,7 +677,7 @@ impl Plant {
         let s = C::new(0.0, std::f64::consts::TAU * hz);
         let shifted = DMatrix::from_diagonal_element(r, r, s) - a.map(C::from);
         if let Some(x) = shifted.lu().solve(&port.force_rest.map(C::from)) {
-            // The response of the hold: sinc and a delay of half a sample.
+            // The frequency response of the hold: a sinc and a delay of half a sample.
             let half = std::f64::consts::PI * hz / self.rate;
             let hold = if half > 0.0 { C::cis(-half) * (half.sin() / half) } else { C::ONE };
             sum += self.rest.c.map(C::from) * x * hold;
@@ -682,7 +685,7 @@ impl Plant {
         sum
     }
 
-    /// Returns the response p x m at a frequency, for held inputs; without a controller.
+    /// Returns the open-loop frequency response (p x m) for held inputs.
     fn open_response(&self, hz: f64) -> DMatrix<C> {
         let z = C::cis(std::f64::consts::TAU * hz / self.rate);
         let r = self.rest.a.nrows();
@@ -726,7 +729,7 @@ impl Passed {
         Self { pole, products: self.products.clone() }
     }
 
-    /// Returns the gain from the actuator's output to this output, at the actuator's pole.
+    /// Returns the gain from the actuator's output to an output, at the actuator's pole.
     pub(crate) fn actuator(&self, plant: &Plant, o: usize, i: usize) -> f64 {
         let Some(actuator) = &plant.chain.actuator[i] else { return 0.0 };
         let s = C::from(-actuator.pole);
@@ -734,7 +737,7 @@ impl Passed {
         (plant.chain.behind(o, s) * Plant::derivative(order, self.pole, s)).re * self.products[(o, i)]
     }
 
-    /// Returns the gain from the input to the filter's state, which the output sees with gain one.
+    /// Returns the gain from the input to the filter's state, which the output observes with gain one.
     pub(crate) fn filter(&self, plant: &Plant, o: usize, i: usize, f: usize) -> C {
         let s = plant.chain.filter[o][f].pole;
         let through = plant.chain.before(i, s) * Plant::derivative(plant.sensed[o].order, self.pole, s);

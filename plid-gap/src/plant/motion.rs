@@ -1,12 +1,12 @@
-//! The motion that an output shows, as rows of the states: displacement and velocity.
+//! The motion that an output measures, as rows of the states: displacement and velocity.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::Plant;
 use plid_fourier::C;
 
-/// Frequencies at which an integral is compared with its integrand, and the lowest and the highest of them
-/// over the sample rate.
+/// Number of frequencies at which an integral is compared with its integrand, and the lowest and highest of these
+/// frequencies relative to the sample rate.
 const FREQUENCIES: usize = 40;
 const BETWEEN: [f64; 2] = [1e-3, 0.4];
 
@@ -27,14 +27,14 @@ pub(super) struct Motion {
 }
 
 impl Row {
-    /// The row without entries.
+    /// Returns the row whose entries are all zero.
     pub fn none(plant: &Plant) -> Self {
         Self { modes: vec![C::ZERO; plant.modes.len()], rest: DVector::zeros(plant.rest.a.nrows()) }
     }
 }
 
 impl Plant {
-    /// Returns the motion that an output shows before its filters; `None` if no combination of the states is its
+    /// Returns the motion that an output measures before its filters; `None` if no combination of the states is its
     /// velocity, or if the continuous form of the rest is not known.
     pub(super) fn motion(&self, output: usize) -> Option<Motion> {
         let (a, _) = self.rest.continuous.as_ref()?;
@@ -52,8 +52,8 @@ impl Plant {
         })
     }
 
-    /// Returns the row of an output without its filters. In a plant without modes, no pole can be said to be a
-    /// filter's.
+    /// Returns the row of an output without its filters. In a plant without modes, no pole can be attributed to a
+    /// filter.
     fn before_filters(&self, output: usize, a: &DMatrix<f64>) -> Row {
         let modes = self.modes.iter().map(|mode| mode.c[output] / self.chain.behind(output, mode.pole)).collect();
         let mut rest: DVector<f64> = self.rest.c.row(output).transpose();
@@ -61,7 +61,7 @@ impl Plant {
             for filter in &self.chain.filter[output] {
                 let pole = filter.pole;
                 let once = a.tr_mul(&rest);
-                // (1 - A / pole), and for a pair the same with its conjugate.
+                // The factor is (1 - A / pole), and for a pair also the one of the conjugate.
                 rest = if pole.im == 0.0 {
                     rest - once / pole.re
                 } else {
@@ -73,7 +73,7 @@ impl Plant {
         Row { modes, rest }
     }
 
-    /// Returns the row of the derivative.
+    /// Returns the row of a row's derivative.
     fn slope(&self, row: &Row, a: &DMatrix<f64>) -> Row {
         Row {
             modes: row.modes.iter().zip(&self.modes).map(|(row, mode)| row * mode.pole).collect(),
@@ -82,7 +82,8 @@ impl Plant {
     }
 
     /// Returns the row e whose derivative is a row c of the states and `direct` of the inputs: e A = c and e B =
-    /// direct. `None` if there is none: the position of a motor is not a combination of its speed and its current.
+    /// direct. `None` if there is no such row: for example, the position of a motor is not a combination of its speed
+    /// and its current.
     fn integral(&self, row: &Row, direct: &DVector<f64>) -> Option<Row> {
         let (a, b) = self.rest.continuous.as_ref()?;
         let modes: Vec<C> = row.modes.iter().zip(&self.modes).map(|(row, mode)| row / mode.pole).collect();
@@ -90,7 +91,7 @@ impl Plant {
         let rest = if r == 0 {
             DVector::zeros(0)
         } else {
-            // Both kinds of equations count alike.
+            // Both kinds of equations get the same weight.
             let weight = if b.norm() > 0.0 { a.norm() / b.norm() } else { 1.0 };
             let of_modes =
                 |i: usize| -> f64 { modes.iter().zip(&self.modes).map(|(row, mode)| 2.0 * (row * mode.b[i]).re).sum() };
@@ -107,7 +108,7 @@ impl Plant {
         (self.apart(row, direct, &found) < self.settings.port_distance).then_some(found)
     }
 
-    /// Returns whether a row is the integral of another one, which inputs do not enter at once.
+    /// Returns whether a row is the integral of another row that has no direct feedthrough from the inputs.
     pub(super) fn is_integral(&self, row: &Row, integral: &Row) -> bool {
         self.apart(row, &DVector::zeros(self.m), integral) < self.settings.port_distance
     }

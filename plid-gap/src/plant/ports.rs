@@ -10,12 +10,12 @@ use plid_fourier::C;
 pub enum PortSource {
     /// The simulation or the case declares them.
     Declared,
-    /// The port of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output
-    /// shapes of equal norm, as if sensors were near the actuators). If a sensor is at each actuator, the shapes of
-    /// these sensors alone give the scale, and each further output has a port.
+    /// The port of each input is inferred from the modes' input shapes, and the scale of each mode from reciprocity
+    /// (input and output shapes of equal norm, as if sensors were near the actuators). If each actuator has a
+    /// collocated sensor, the shapes of these sensors alone give the scale, and each further output has a port.
     Inferred,
-    /// The axis of each input, from the output that shows its motion, because the simulation has no lightly damped
-    /// mode.
+    /// The port is the axis of each input, inferred from the output that measures its motion. The simulation has no
+    /// lightly damped mode, or its outputs are positions and velocities, with a collocated one for each input.
     Axis,
 }
 
@@ -24,21 +24,21 @@ pub enum PortSource {
 pub enum PortScale {
     /// Those of the simulation, which declares the port.
     Own,
-    /// The force in that of an input, the motion in that of an output.
+    /// The force has the quantity of an input, the motion that of an output.
     Shown {
         /// The input.
         input: usize,
         /// The output.
         output: usize,
     },
-    /// The motion in that of an output, and the force such that it does the same work as an input on the axis that
-    /// another output shows.
+    /// The motion has the quantity of an output. The force is such that it does the same work as an input on the axis
+    /// whose motion another output measures.
     Reciprocal {
         /// The input of the axis.
         input: usize,
-        /// The output that shows the motion of the axis.
+        /// The output that measures the motion of the axis.
         axis: usize,
-        /// The output that shows the motion at the port.
+        /// The output that measures the motion at the port.
         output: usize,
     },
     /// The motion is an input, as on a testing machine, and the force is an output.
@@ -48,14 +48,16 @@ pub enum PortScale {
         /// The output.
         output: usize,
     },
-    /// The force in that of an input, if it is that of one; the motion in none, because the modes leave its scale open.
+    /// The force has the quantity of an input, if the port belongs to one. The motion has no known quantity, because
+    /// the modes do not determine its scale.
     Inferred(Option<usize>),
 }
 
-/// Largest relative difference of two rows that are one row but for rounding.
+/// Largest relative difference of two rows that are equal up to rounding.
 pub(crate) const SAME_ROW: f64 = 1e-6;
 
-/// Infers the port of each input from the modes, and that of each further output if all inputs have collocated ones.
+/// Infers the port of each input from the modes, and that of each further output if all inputs have collocated
+/// outputs.
 ///
 /// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k); the mode's port
 /// sees d = beta q. The simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0,
@@ -86,20 +88,21 @@ fn modal_ports(plant: &Plant, at: Option<&[usize]>) -> Vec<ModalPorts> {
     plant.modes.iter().map(|mode| ModalPorts::new(plant, mode, at)).collect()
 }
 
-/// The shapes of forces and displacements on a mode.
+/// The shapes of forces and displacements of a mode.
 struct ModalPorts {
     /// Force column of each input.
     force: Vec<C>,
     /// Shape of each output.
     sensed: Vec<C>,
-    /// g0^2, by which force and shape differ at a collocated sensor.
+    /// g0^2, the ratio of the force to the sensor's shape at a collocated sensor.
     square: C,
     /// 2 j times the damped frequency.
     twice: C,
 }
 
 impl ModalPorts {
-    /// From the shapes at the inputs and, if there are such, at their collocated outputs.
+    /// Determines the scale from the shapes at the inputs and at their collocated outputs, or at all outputs if there
+    /// are no collocated ones.
     fn new(plant: &Plant, mode: &Mode, at: Option<&[usize]>) -> Self {
         let pole = mode.pole;
         let force: Vec<C> = (0..plant.m).map(|i| mode.b[i] / plant.chain.before(i, pole)).collect();
@@ -110,13 +113,13 @@ impl ModalPorts {
         let norm = |sum: f64| sum.sqrt().max(f64::MIN_POSITIVE);
         let shown = (0..plant.p).filter(|o| at.is_none_or(|at| at.contains(o)));
         let size = norm(force.iter().map(|g| g.norm_sqr()).sum()) / norm(shown.map(|o| sensed[o].norm_sqr()).sum());
-        // The phase of g0 makes all of g / g0 as nearly real as possible.
+        // The phase of g0 makes all g / g0 as nearly real as possible.
         let phase = force.iter().map(|g| g * g).sum::<C>().arg();
         Self { force, sensed, square: C::from_polar(size, phase), twice }
     }
 }
 
-/// Returns the port of an input, restricted to the modes that are kept, without a name.
+/// Returns the unnamed port of an input, restricted to the modes that are kept.
 fn of_input(plant: &Plant, modal: &[ModalPorts], i: usize, kept: &dyn Fn(usize) -> bool) -> Port {
     let keep = |k: usize, x: C| if kept(k) { x } else { C::ZERO };
     let shape = |(k, mode): (usize, &ModalPorts)| keep(k, mode.force[i] / (mode.square * mode.twice));
@@ -125,9 +128,9 @@ fn of_input(plant: &Plant, modal: &[ModalPorts], i: usize, kept: &dyn Fn(usize) 
     of_shapes(plant, force, modal.iter().enumerate().map(shape).collect(), &product)
 }
 
-/// Returns the port at the motion that an output shows, without a name.
+/// Returns the unnamed port at the motion that an output measures.
 fn of_output(plant: &Plant, modal: &[ModalPorts], o: usize) -> Port {
-    // Sensors show the phase of g0 without the time by which inputs seem to come early.
+    // The sensors' shapes give the phase of g0 without the apparent advance of the inputs.
     let shape = |mode: &ModalPorts| {
         let phase = mode.sensed.iter().map(|k| k * k).sum::<C>().arg();
         mode.sensed[o] * C::from_polar(mode.square.norm(), -phase)
@@ -154,13 +157,13 @@ fn of_shapes(plant: &Plant, force: Vec<C>, displacement: Vec<C>, product: &dyn F
     }
 }
 
-/// Returns the force of a port on the poles of the filters. It passes no actuator.
+/// Returns the force of a port on the poles of the filters. The force passes through no actuator.
 fn through_filters(plant: &Plant, product: &dyn Fn(usize, usize) -> f64) -> DVector<f64> {
     let part = |(k, mode): (usize, &Mode)| plant.filters_part(mode, &|o| product(k, o));
     plant.modes.iter().enumerate().map(part).fold(DVector::zeros(plant.rest.a.nrows()), |sum, part| sum + part)
 }
 
-/// Returns the direct response to a force, which accelerations without a filter have.
+/// Returns the direct response of the outputs to a force. Only accelerations without a filter have one.
 fn at_once(plant: &Plant, product: &dyn Fn(usize, usize) -> f64) -> Vec<f64> {
     if !plant.understood() {
         return Vec::new();
@@ -169,8 +172,9 @@ fn at_once(plant: &Plant, product: &dyn Fn(usize, usize) -> f64) -> Vec<f64> {
     (0..plant.p).map(|o| if plant.answers_at_once(o) { by_mode(o).sum() } else { 0.0 }).collect()
 }
 
-/// A mode's state z contains a part kappa_j a_j of each actuator's output that is not motion: z = z_motion + sum of
-/// kappa_j a_j with kappa_j = g_j / (pole + pole_j).
+/// Returns the row of the rest's states that corrects a row of the modes' states for the actuators. A mode's state z
+/// contains a part kappa_j a_j of each actuator's output that is not motion: z = z_motion + sum of kappa_j a_j, with
+/// kappa_j = g_j / (pole + pole_j).
 fn without_actuators(plant: &Plant, row: &[C]) -> DVector<f64> {
     let parts = plant.modes.iter().zip(row).map(|(mode, &row)| plant.actuators_part(mode, row));
     -parts.fold(DVector::zeros(plant.rest.a.nrows()), |sum, part| sum + part)
@@ -188,7 +192,7 @@ impl Plant {
         }
     }
 
-    /// Returns whether an output shows the displacement at a port, before its filters.
+    /// Returns whether an output measures the displacement at a port, before its filters.
     pub fn is_shown_by(&self, port: usize, output: usize) -> bool {
         let port = &self.ports[port];
         let Some(row) = self.motion(output).and_then(|motion| motion.displacement) else { return false };
@@ -199,9 +203,9 @@ impl Plant {
         }
     }
 
-    /// Changes the ports with a mode's input shapes. A port lies where its actuator pushes. If the input shape of a
-    /// mode was changed from that of `before`, the force of the port on the mode and its displacement row change in the
-    /// same ratio. Otherwise the size of an effect there would belong to the former shape.
+    /// Updates the ports after a change of a mode's input shapes from those of `before`. A port lies where its
+    /// actuator acts, so its force on the mode and its displacement row change in the same ratio as the input shape.
+    /// Otherwise, the size of an effect at the port would refer to the former shape.
     pub fn ports_follow(&mut self, k: usize, before: &Mode) {
         let after = self.modes[k].clone();
         for index in 0..self.ports.len() {
@@ -276,7 +280,7 @@ mod tests {
         plant.ports.iter().map(|port| (port.name.as_str(), port.input)).collect()
     }
 
-    /// A spring at the port of the second mass changes the poles and the response as one in the matrices does.
+    /// A spring at the port of the second mass changes the poles and the response as a spring in the matrices does.
     #[test]
     fn a_force_at_a_further_accelerometer_follows_from_reciprocity() {
         let mut plant = Plant::new(&model(0.0, 0.0)).unwrap();
@@ -290,8 +294,9 @@ mod tests {
         }
     }
 
-    /// In a model that was identified from records, inputs seem to come half a sample early. The port of the second
-    /// mass is the same: the displacement by a force there, mode by mode. Without the first sensor there is none.
+    /// In a model that was identified from records, inputs seem to act half a sample early. The port of the second
+    /// mass is the same: a force there causes the same displacement, mode by mode. Without the sensor on the first
+    /// mass, there is no such port.
     #[test]
     fn inputs_that_seem_to_come_early_leave_the_port_of_a_sensor() {
         let compliance = |plant: &Plant| -> Vec<C> {
@@ -303,7 +308,7 @@ mod tests {
         for (found, right) in compliance(&early).iter().zip(compliance(&exact)) {
             assert!((found - right).norm() < 1e-2 * right.norm(), "{found} for {right}");
         }
-        // The second mass, and its motion against the first.
+        // The outputs are the motion of the second mass, and its motion relative to the first.
         let mut alone = model(0.0, 0.0);
         let shown = dmatrix![0.0, 1.0; -1.0, 1.0];
         (alone.c, alone.d) = (&shown * &alone.c, &shown * &alone.d);

@@ -4,8 +4,9 @@ use super::motion::{Motion, ROUNDING, Row};
 use super::{CasePort, Mode, Plant, Port, PortScale, lowest};
 use plid_fourier::C;
 
-/// The axis of each input, and the motion that each further output shows, as ports of a structure whose outputs are
-/// positions and velocities; `None` if an input has no collocated output.
+/// Infers the axis of each input, and the motion that each further output measures, as ports of a structure whose
+/// outputs are positions and velocities; `None` if an input has no collocated output, or if its force does more than
+/// accelerate the axis.
 ///
 /// A sensor is collocated with an actuator if all modes respond in phase there: the residue of each mode is then the
 /// square of a single shape. A force at another output follows from reciprocity (Maxwell, Betti): it moves the
@@ -29,19 +30,19 @@ pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Opt
     Some(axes.into_iter().chain(further).collect())
 }
 
-/// How far the modes may be from those of a collocated sensor.
+/// The tolerances within which the modes are those of a collocated sensor.
 pub(super) struct Tolerance {
-    /// Largest time in samples by which the inputs may seem to come early or late.
+    /// Largest apparent advance or delay of the inputs, in samples.
     shift: f64,
-    /// Share of the largest residue below which that of a mode says nothing.
+    /// Share of the largest residue below which the residue of a mode is ignored.
     negligible: f64,
 }
 
-/// A simulation that was written, not identified.
+/// Tolerances for a simulation that was built from equations, not identified from records.
 const EXACT: Tolerance = Tolerance { shift: 0.0, negligible: 0.0 };
 
-/// A simulation that may have been identified from records, with inputs that are held over a sample. Inputs that
-/// change within a sample then seem to come half a sample early.
+/// Tolerances for a simulation that may have been identified from records, as if inputs were held over each sample.
+/// Inputs that change within a sample then seem to act half a sample early.
 pub(super) const IDENTIFIED: Tolerance = Tolerance { shift: 0.75, negligible: 0.02 };
 
 /// Returns the collocated output of each input; `None` if an input has none.
@@ -57,8 +58,8 @@ pub(super) fn collocated_outputs(plant: &Plant, tolerance: &Tolerance) -> Option
     Some(at)
 }
 
-/// The residue of a mode in the response of a displacement to a force, over 2 j times its damped frequency: for a
-/// collocated sensor a positive number.
+/// Returns the residue of a mode in the response of a displacement to a force, times 2 j times its damped frequency:
+/// a positive number for a collocated sensor.
 fn residue(plant: &Plant, mode: &Mode, output: usize, input: usize) -> C {
     let Some(sensed) = plant.sensed.get(output) else { return C::ZERO };
     let passed = plant.chain.before(input, mode.pole) * plant.chain.behind(output, mode.pole);
@@ -78,7 +79,7 @@ fn collocated(plant: &Plant, output: usize, input: usize, tolerance: &Tolerance)
 }
 
 /// Returns whether a force at a port immediately changes its velocity, and not its displacement, as in any mechanical
-/// simulation. A model that was identified from records has some of both.
+/// simulation. In a model that was identified from records, the force changes both to some degree.
 fn only_accelerates(plant: &Plant, port: &Port, output: usize, input: usize) -> bool {
     let acceleration = port.at_once(&port.velocity, &port.velocity_rest);
     let other = match plant.sensed[output].order {
@@ -88,8 +89,8 @@ fn only_accelerates(plant: &Plant, port: &Port, output: usize, input: usize) -> 
     acceleration > 0.0 && lowest(&plant.modes) * other.abs() < plant.settings.at_once * acceleration
 }
 
-/// Returns the port at the motion that an output shows, by reciprocity with the axis of an input; `None` if the axis
-/// does not show all that the output does.
+/// Returns the port at the motion that an output measures, by reciprocity with the axis of an input; `None` if the
+/// motion of the axis does not contain all that the output observes.
 fn beside(plant: &Plant, axis: &Port, to: usize, name: &str) -> Option<Port> {
     let (a, _) = plant.rest.continuous.as_ref()?;
     let Motion { displacement, velocity } = plant.motion(to)?;
@@ -117,13 +118,13 @@ fn beside(plant: &Plant, axis: &Port, to: usize, name: &str) -> Option<Port> {
     })
 }
 
-/// Returns g with c1 A^k g = c2 A^k b for all k, so that g moves c1 as b moves c2; `None` if there is none.
+/// Returns g with c1 A^k g = c2 A^k b for all k, so that g moves c1 as b moves c2; `None` if there is no such g.
 fn exchanged(a: &DMatrix<f64>, c1: &DVector<f64>, c2: &DVector<f64>, b: &DVector<f64>) -> Option<DVector<f64>> {
     let r = a.nrows();
     if r == 0 {
         return Some(DVector::zeros(0));
     }
-    // In units of time in which the powers of A have similar sizes.
+    // The unit of time is chosen so that the powers of A have similar sizes.
     let scaled = a / a.norm().max(f64::MIN_POSITIVE);
     let (mut rows, mut wanted) = (DMatrix::zeros(r, r), DVector::zeros(r));
     let mut column = b.clone();
@@ -147,8 +148,8 @@ mod tests {
     use nalgebra::dmatrix;
     use plid_model::{Model, OutputKind};
 
-    /// A motor of inertia 0.02 with a bearing, an elastic joint and a link: outputs are the angle of the motor and the
-    /// twist of the joint.
+    /// Returns the state matrix of a motor of inertia 0.02 with a bearing, an elastic joint and a link, and the input
+    /// columns of the motor and of the joint. The coordinates are the angle of the motor and the twist of the joint.
     fn arm() -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
         // T = j1 q1'^2 / 2 + j2 (q1' + q2')^2 / 2.
         let (j1, j2, k, c1, c2) = (0.02, 0.05, 30.0, 0.3, 0.04);
@@ -162,8 +163,8 @@ mod tests {
         (a, pushes.columns(0, 1).into_owned(), pushes.columns(1, 1).into_owned())
     }
 
-    /// The port of the elastic joint, which no input drives, is that of the matrices: a spring there changes the poles
-    /// as a stiffer joint does.
+    /// The port of the elastic joint, which no input drives, agrees with the matrices: a spring there changes the
+    /// poles as a stiffer joint does.
     #[test]
     fn a_force_at_a_joint_follows_from_reciprocity() {
         let (a, b, _) = arm();
@@ -177,7 +178,7 @@ mod tests {
             plant.ports.iter().map(|port| (port.name.as_str(), port.input)).collect();
         assert_eq!(names, [("u1", Some(0)), ("y2", None)]);
         let stiffness = plant.stiffness(&plant.ports[1]);
-        // That of the mode alone. The bearing couples it a little with the motion as a rigid body.
+        // This is the stiffness of the mode alone. The bearing couples the mode slightly with the rigid-body motion.
         assert!((stiffness / 30.0 - 1.0).abs() < 0.03, "{stiffness}");
         plant.load(1, &crate::plant::Load { stiffness: 6.0, ..Default::default() });
         let (mut stiffer, _, push) = arm();
@@ -193,7 +194,8 @@ mod tests {
         }
     }
 
-    /// An identified model whose position answers a force at once keeps the ports that its modes show.
+    /// An identified model whose position responds to a force at once keeps the ports that are inferred from its
+    /// modes.
     #[test]
     fn a_position_that_jumps_is_no_axis() {
         let a = dmatrix![0.0, 1.0; -2.0e5, -45.0];
@@ -205,7 +207,7 @@ mod tests {
         }
     }
 
-    /// A sensor at the far end moves against the motor in the elastic mode: it is not collocated.
+    /// A sensor at the far end moves in antiphase with the motor in the elastic mode, so it is not collocated.
     #[test]
     fn without_a_collocated_sensor_there_is_no_axis() {
         let (a, b, _) = arm();

@@ -21,21 +21,21 @@ impl Plant {
         more.d = more.d.insert_row(self.p, 0.0);
         more.sensed.push(Sensed { order, source: KindSource::Declared });
         more.chain.filter.push(Vec::new());
-        // A force moves nothing at once.
+        // A force changes no displacement or velocity at once.
         more.ports.iter_mut().filter(|port| !port.output.is_empty()).for_each(|port| port.output.push(0.0));
         more.p += 1;
         more
     }
 
-    /// Returns whether a sensor at a port would measure a motion that no output shows: the simulation or the case
-    /// declares the port, and no output shows its motion.
+    /// Returns whether a sensor at a port would measure a motion that no output measures yet. Only ports that the
+    /// simulation declares are considered.
     pub(crate) fn lacks_sensor(&self, port: usize) -> bool {
         matches!(self.ports[port].scale, super::PortScale::Own)
             && self.rest.continuous.is_some()
             && !(0..self.p).any(|output| self.shows_motion_at(port, output))
     }
 
-    /// Returns whether an output shows the motion at a port, in whatever unit.
+    /// Returns whether an output measures the motion at a port, in any unit.
     fn shows_motion_at(&self, port: usize, output: usize) -> bool {
         let Some(motion) = self.motion(output) else { return false };
         let port = &self.ports[port];
@@ -53,7 +53,8 @@ impl Plant {
     }
 }
 
-/// Squared sine of the angle between two rows of one motion: one part in a thousand of a shape.
+/// Largest squared sine of the angle between two rows of the same motion: a deviation by one part in a thousand of a
+/// shape.
 const SAME_DIRECTION: f64 = 1e-6;
 
 #[cfg(test)]
@@ -79,7 +80,7 @@ mod tests {
         let size = crate::case::record::rms(&expected[0]);
         let far = y[2].iter().zip(&expected[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(y.len() == 3 && far < 1e-6 * size, "{far} of {size}");
-        // Where there is a sensor, none is lacking.
+        // The port with the new sensor no longer lacks one.
         assert!(!more.lacks_sensor(1) && more.lacks_sensor(0));
     }
 }

@@ -2,8 +2,8 @@ use super::{KindSource, Plant, Sensed};
 use plid_fourier::C;
 
 impl Plant {
-    /// Returns the same plant with further outputs, after its own: the forces that act at these ports. A controller
-    /// gets none of them.
+    /// Returns the same plant with the forces at these ports as further outputs, after its own. A controller does not
+    /// read these outputs.
     pub(crate) fn showing_forces(&self, ports: &[usize]) -> Self {
         let mut shown = self.clone();
         shown.p += ports.len();
@@ -38,7 +38,7 @@ mod tests {
         let mut shown = plant.showing_forces(&[1]);
         let (own, with_force) = (run(&plant), run(&shown));
         assert_eq!(own, with_force[..plant.p]);
-        // A further output shows the displacement.
+        // A further output measures the displacement.
         shown.p += 1;
         let port = shown.ports[1].clone();
         shown.modes.iter_mut().zip(&port.displacement).for_each(|(mode, row)| mode.c.push(*row));

@@ -3,11 +3,11 @@ use nalgebra::{DMatrix, DVector};
 use super::{KindSource, NonModal, Plant, eigenvectors, phi1};
 use plid_fourier::C;
 
-/// Relative error up to which the eigenvectors reconstruct the matrix. Poles that nearly coincide have eigenvectors
-/// that do not, and such poles cannot be moved one by one.
+/// Largest relative error of the matrix that is reconstructed from its eigenvectors. The eigenvectors of nearly
+/// coincident poles do not reconstruct it, and such poles cannot be moved one by one.
 const RECONSTRUCTION_TOLERANCE: f64 = 1e-6;
 
-/// A parameter of the rest that may be off by a relative change.
+/// A parameter of the rest that may have a relative error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RestNumber {
     /// A real pole in rad/s.
@@ -34,20 +34,20 @@ struct Pole {
 }
 
 /// The poles of the rest with their eigenvectors, for a plant without structural modes. Each pole can be moved by
-/// itself. If there are modes and neither actuators nor filters, only the contribution of the rest as a whole may be
-/// off, because a model that was identified from records has poles that imitate an effect.
+/// itself. If there are modes and neither actuators nor filters, only the contribution of the rest as a whole may
+/// have an error, because a model that was identified from records has poles that imitate an effect.
 #[derive(Debug, Clone)]
 pub struct Spectrum {
     poles: Vec<Pole>,
-    /// For each output whose displacement is a combination of the states, that combination.
+    /// For each output, its displacement as a combination of the states, if it is one.
     displacements: Vec<Option<DVector<f64>>>,
     /// The parameters in their order.
     pub numbers: Vec<RestNumber>,
 }
 
 impl Spectrum {
-    /// Decomposes the rest of a plant. `None` if the plant has modes and also actuators or filters, if the rest has no
-    /// continuous form, or if its poles are too near each other to be moved one by one.
+    /// Decomposes the rest of a plant. `None` if the plant has modes and also actuators or filters, if the rest has
+    /// no continuous form, or if its poles are too close to each other to be moved one by one.
     pub fn of(plant: &Plant) -> Option<Self> {
         let rest = &plant.rest;
         if rest.a.nrows() == 0 || rest.continuous.is_none() {
@@ -85,11 +85,12 @@ impl Spectrum {
         Some(Self { poles, displacements, numbers })
     }
 
-    /// Multiplies each parameter of a plant's rest by e^eta, output gains also in D.
+    /// Multiplies each parameter of a plant's rest by e^eta; gains also act on D. The contribution as a whole is
+    /// multiplied by 1 + eta.
     ///
-    /// Whatever holds or brakes a mass, a force accelerates it alike: a pole that moves leaves the acceleration that a
-    /// force causes at once as it is, at every output and port whose displacement is known, as a mode's pole does. The
-    /// outputs there stay the derivatives of that displacement.
+    /// The acceleration that a force causes at once depends on the mass alone, not on what holds or brakes it. So a
+    /// moved pole does not change this acceleration at any output or port whose displacement is known, just as the
+    /// moved pole of a mode does not. The outputs there remain the derivatives of that displacement.
     pub fn change(&self, plant: &mut Plant, eta: &[f64]) {
         if let ([RestNumber::Contribution], [eta]) = (self.numbers.as_slice(), eta) {
             return contribute(plant, 1.0 + eta);
@@ -156,7 +157,7 @@ impl Spectrum {
     }
 }
 
-/// Multiplies the contribution of the rest to the outputs and to the motion of the ports.
+/// Multiplies the contribution of the rest to the outputs and to the motion of the ports by a factor.
 fn contribute(plant: &mut Plant, factor: f64) {
     plant.rest.c *= factor;
     plant.d *= factor;
@@ -166,8 +167,8 @@ fn contribute(plant: &mut Plant, factor: f64) {
     }
 }
 
-/// Returns the displacement that an output shows, as a row of the states; `None` if its kind is only assumed, or if its
-/// derivative is not the velocity, so that a force moves it at once.
+/// Returns the displacement that an output measures, as a row of the states; `None` if the output's kind is only
+/// assumed, or if the row's derivative is not the velocity because a force changes the displacement at once.
 fn displacement(plant: &Plant, output: usize) -> Option<DVector<f64>> {
     if plant.sensed[output].source == KindSource::Assumed {
         return None;
@@ -177,8 +178,9 @@ fn displacement(plant: &Plant, output: usize) -> Option<DVector<f64>> {
     plant.is_integral(&motion.velocity, &row).then_some(row.rest)
 }
 
-/// Returns the factor of a displacement with which a force causes the same acceleration at once after the poles have
-/// moved; that of the column with the largest. `None` if a force causes none.
+/// Returns the factor on a displacement with which a force causes the same acceleration at once after the poles have
+/// moved. Of several columns, the one with the largest acceleration counts. `None` if no force causes an
+/// acceleration.
 fn inertia_kept(
     row: &DVector<f64>,
     before: &DMatrix<f64>,
@@ -191,7 +193,7 @@ fn inertia_kept(
     (factor.is_finite() && factor > 0.0).then_some(factor)
 }
 
-/// Returns a pair of poles with its damping ratio multiplied.
+/// Returns a pair of poles with its damping ratio multiplied by a factor.
 fn damped(pole: C, factor: f64) -> C {
     let size = pole.norm();
     let zeta = (-pole.re / size * factor).min(0.999);
@@ -199,7 +201,7 @@ fn damped(pole: C, factor: f64) -> C {
 }
 
 impl Pole {
-    /// Returns the pole of a discrete matrix at one of its eigenvalues.
+    /// Returns the continuous pole that belongs to an eigenvalue of a discrete-time matrix.
     fn of(a: &DMatrix<f64>, z: C, rate: f64) -> Option<Self> {
         let (refined, right, left) = eigenvectors(a, z)?;
         // Rounding gives a real eigenvalue a small imaginary part.
@@ -234,7 +236,8 @@ mod tests {
         [0.1, 1.0, 10.0, 100.0].iter().map(difference).fold(0.0, f64::max)
     }
 
-    /// A well damped pair that is moved by e^eta equals the servo with that frequency and damping ratio.
+    /// A well-damped pair that is moved by e^eta equals the servo that is built with the new frequency and damping
+    /// ratio.
     #[test]
     fn a_moved_pair_is_a_servo_built_so() {
         let (w, zeta) = (30.0_f64, 0.7);
@@ -251,7 +254,7 @@ mod tests {
         assert!(moved.iter().zip(&built).all(|(a, b)| (a / b - 1.0).abs() < 1e-5), "{moved:?} {built:?}");
     }
 
-    /// The pole of a slider is its damper over its mass. It moves as if the damper was another one.
+    /// The pole of a slider is its damper over its mass. The pole moves as if the damper had changed.
     #[test]
     fn a_sliders_pole_moves_by_its_damper() {
         let nominal = servo(0.0, 4.0);

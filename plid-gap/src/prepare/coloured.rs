@@ -5,16 +5,16 @@ use crate::noise::{Band, Source};
 use crate::prepare::Prepared;
 use crate::prepare::wandering::Wandering;
 
-/// The search for a band uses every bin of this number: bands are wider than that.
+/// Thinning factor of the bins in the search for a band, because bands are wider than the spacing that remains.
 const THINNED: usize = 4;
 
-/// Relative widths of the bands that are tried, the one of the first search last.
+/// Relative widths of the bands that are tried. The last is that of the first search.
 const WIDTHS: [f64; 2] = [0.05, 0.2];
 
-/// Ratio of adjacent centres of the first search: bands of the larger width overlap.
+/// Ratio of adjacent centre frequencies in the first search. Bands of the larger width overlap.
 const COARSE: f64 = 1.12;
 
-/// Number of bands of the first search next to which others are tried.
+/// Number of bands of the first search near which others are tried.
 const REFINED: usize = 3;
 
 /// A random force in a frequency band.
@@ -26,7 +26,7 @@ pub struct Coloured {
     pub a: f64,
     /// Relative standard deviations of `a` and of the centre.
     pub std: [f64; 2],
-    /// Its gain in twice the log likelihood.
+    /// Its gain, as twice the log likelihood.
     pub gain: f64,
 }
 
@@ -37,8 +37,8 @@ impl Coloured {
     }
 }
 
-/// Finds a random force in a band: an equal force on all modes does not explain the quiet records, but one band at one
-/// port does.
+/// Finds a random force in a band. There is one if an equal force on all modes does not explain the quiet records,
+/// but one band at one port does.
 pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     if ready.quiet.is_empty() {
         return None;
@@ -75,7 +75,7 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     let misfit = rough.misfit;
     let gain = 2.0 * (plain.misfit - misfit);
     // An equal force on all modes is an assumption, and a poor one with few ports. If a larger force on one mode
-    // explains as much, there is no band.
+    // explains as much as the band, there is no band.
     let pushed =
         |mode: usize| ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Mode(mode)], 40, 1).misfit;
     let near = (0..plant.modes.len()).filter(|&k| (plant.modes[k].hz() / hz - 1.0).abs() < 2.0 * WIDTHS[1]);
@@ -92,8 +92,8 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     Some(Coloured { band, a: size(theta, band, plant.rate), std: [f64::INFINITY; 2], gain })
 }
 
-/// Returns the standard deviation of a band of white noise of density theta: the band's share of half the sample rate,
-/// times pi / 2 for its skirts.
+/// Returns the standard deviation of white noise of density theta in a band. The variance is theta times the band's
+/// share of half the sample rate, times pi / 2 for the skirts of the band.
 fn size(theta: f64, band: Band, rate: f64) -> f64 {
     (theta * std::f64::consts::FRAC_PI_2 * band.width * band.hz / (0.5 * rate)).sqrt()
 }
@@ -107,7 +107,7 @@ impl Coloured {
     }
 
     /// Refines the parameters from the grid of the search to the maximum of the likelihood. Separate forces on the
-    /// modes absorb deviations of the skirts, so centre, width and size are those of the band.
+    /// modes absorb deviations of the skirts, so that centre, width and size describe the band alone.
     pub fn sharpened(self, ready: &Prepared) -> Self {
         let rough = ready.declared.fit_beside(&ready.quiet, [self.source()]);
         let Some(scored) = scored(&rough, &ready.quiet).filter(|scored| scored.is_near(self.band.hz)) else {
@@ -115,7 +115,7 @@ impl Coloured {
         };
         let Some(&(Source::Band(band), theta)) = scored.model.sources.last() else { return self };
         let c = scored.covariance;
-        // The logarithm of a is half the sum of those of theta, centre and width.
+        // The logarithm of a is half the sum of the logarithms of theta, centre and width.
         let std = [0.5 * c.sum().max(0.0).sqrt(), c[(1, 1)].max(0.0).sqrt()];
         Self { band, a: size(theta, band, ready.problem.plant.rate), std, gain: self.gain }
     }
@@ -142,7 +142,7 @@ mod tests {
         record.y.iter_mut().zip(&pushed).for_each(|(y, more)| y.iter_mut().zip(more).for_each(|(y, more)| *y += more));
     }
 
-    /// Returns white noise through a resonator at 137 Hz, where a mode lies.
+    /// Returns white noise that was filtered by a resonator at 137 Hz, the frequency of a mode.
     fn about_137_hz(seed: u64, samples: usize) -> Vec<f64> {
         let (turn, radius) = (2.0 * (TAU * 137.0 / testing::RATE).cos(), 0.97);
         let (mut force, mut last) = (Vec::new(), [0.0; 2]);
@@ -171,7 +171,7 @@ mod tests {
         assert_eq!(coloured(&ready), None);
     }
 
-    /// A force in a band at the second port is found there, also if there are ports on single modes.
+    /// A force in a band at the second port is found there, even if there are ports on single modes.
     #[test]
     fn a_coloured_force_is_looked_for_at_the_struts_alone() {
         let sim = testing::truss(1);
@@ -190,8 +190,8 @@ mod tests {
         assert_eq!(coloured(&ready), found);
     }
 
-    /// In driven records alone, the force is found in what the inputs do not explain of the residual, although the
-    /// frequencies of the simulation are off.
+    /// If all records are driven, the force is found in the part of the residual that the inputs do not explain,
+    /// although the frequencies of the simulation are off.
     #[test]
     fn a_coloured_force_is_found_in_driven_records() {
         let real = testing::truss(1);

@@ -1,15 +1,16 @@
-//! A record that shows a gap where the others do not. A stop that one record reaches must be fitted where it is
-//! reached, and judged there as well.
+//! The division of a record that shows a gap where the others do not. A stop that only one record reaches must be
+//! both fitted and judged in that record.
 
 use crate::case::record::{Channels, Excitation, Record};
 use crate::case::split::divided;
 use crate::settings::CaseSettings;
 
-/// Divides a record that shows a gap where the others do not: the held-out one, if the gap of the simulation as given
-/// is several times larger there than in every fitted one, or the fitted one with the largest gap, if that is several
-/// times larger than in the held-out one and the record is as loud. Its first part, up to half of the power of its
-/// error, is fitted, and the remainder is held out. `errors` are those of that simulation in the fitted records, and
-/// `error_of` gives the error in a record. If the held-out record is the end of another one, nothing is divided.
+/// Divides a record that shows a gap where the others do not. This is the held-out record if the gap of the
+/// simulation as given is several times larger there than in every fitted one; or it is the fitted record with the
+/// largest gap, if that gap is several times larger than in the held-out record and the fitted record is as loud. The
+/// first part of the record, up to half of the power of its error, is fitted, and the remainder is held out. `errors`
+/// are the errors of the simulation as given in the fitted records, and `error_of` gives the error in a record. If
+/// the held-out record is the end of another one, nothing is divided.
 pub(super) fn divide(
     fitted: &mut Vec<Record>,
     held_out: &mut Vec<Record>,
@@ -44,8 +45,8 @@ pub(super) fn divide(
     }
 }
 
-/// Returns the number of samples with half of the power of an error, rounded to whole periods; `None` if nothing would
-/// remain on one side.
+/// Returns the number of samples with half of the power of an error, rounded up to whole periods; `None` if nothing
+/// would remain on one side.
 fn middle(record: &Record, error: &Channels) -> Option<usize> {
     let at = half(error);
     let at = match record.excitation {
@@ -66,13 +67,13 @@ fn power<'x>(x: impl IntoIterator<Item = &'x f64>) -> f64 {
     x.into_iter().filter(|x| x.is_finite()).map(|x| x * x).sum()
 }
 
-/// Returns the RMS of a record's error over that of its outputs, as the root mean square of all outputs.
+/// Returns the relative RMS error of a record, as the root mean square over all outputs.
 fn gap(record: &Record, error: &Channels) -> f64 {
     let shares = record.y.iter().zip(error).map(|(y, e)| power(e) / power(y).max(f64::MIN_POSITIVE));
     (shares.sum::<f64>() / record.y.len().max(1) as f64).sqrt()
 }
 
-/// Returns the number of samples with half of the power of an error, each channel of which counts alike.
+/// Returns the number of samples with half of the power of an error, in which all channels have the same weight.
 fn half(error: &Channels) -> usize {
     let whole: Vec<f64> = error.iter().map(|e| power(e).max(f64::MIN_POSITIVE)).collect();
     let at = |k: usize| -> f64 { error.iter().zip(&whole).map(|(e, whole)| power([&e[k]]) / whole).sum() };
@@ -90,7 +91,7 @@ mod tests {
     use super::*;
     use crate::testing::{case, truss};
 
-    /// Returns the records of a case, all outputs of which are one, and the last of them.
+    /// Returns the records of a case with all outputs set to one: all except the last, and the last.
     fn records() -> (Vec<Record>, Record) {
         let mut records = case(&truss(1), &truss(1)).records;
         records.iter_mut().flat_map(|record| &mut record.y).for_each(|y| y.fill(1.0));
@@ -99,7 +100,8 @@ mod tests {
         (records, last)
     }
 
-    /// Returns errors of 2 %, except that one record is off by this from its 300th sample on.
+    /// Returns errors of 2 %, except in one record, where they are zero before the 300th sample and `off` from there
+    /// on.
     fn error_in(name: &str, off: f64) -> impl Fn(&Record) -> Channels {
         move |record: &Record| {
             let of = |k: usize| match (record.name == name, k < 300) {
@@ -115,8 +117,9 @@ mod tests {
         record.y[0].iter().filter(|y| y.is_finite()).count()
     }
 
-    /// The last record alone is off by half, from its 300th sample on. It is fitted up to the middle of that, and held
-    /// out from there. A record that is off by as little as the others is not fitted, and an end of one is not divided.
+    /// Only the last record is off by half, from its 300th sample on. It is fitted up to the middle of the remaining
+    /// samples, and held out from there. A record that is off by as little as the others is not fitted, and the end
+    /// of another record is not divided.
     #[test]
     fn the_beginning_of_a_record_that_alone_shows_the_gap_is_fitted() {
         let (others, last) = records();
@@ -140,8 +143,8 @@ mod tests {
         }
     }
 
-    /// A fitted record is off by half. Its end is then held out beside the last record, but not if it is so
-    /// quiet that noise may be the reason.
+    /// A fitted record is off by half. Its end is then held out in addition to the last record, but not if the record
+    /// is so quiet that noise may be the reason.
     #[test]
     fn the_end_of_a_fitted_record_that_shows_the_gap_is_held_out() {
         let (mut others, last) = records();

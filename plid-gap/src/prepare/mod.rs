@@ -46,7 +46,7 @@ pub struct Prepared {
     pub declared: NoiseModel,
     /// Quantisation and dropouts of each output, from the raw values.
     pub quantisation: Vec<Quantisation>,
-    /// Declared standard deviations of the sensors (p); a share of each output if the simulation declares none.
+    /// Declared standard deviations of the sensors (p); a share of each output's RMS if the simulation declares none.
     pub declared_sensor: Vec<f64>,
     /// Whether the simulation declares sensor noise.
     pub declares: bool,
@@ -56,28 +56,28 @@ pub struct Prepared {
     pub wandering: Vec<Wandering>,
     /// A random force in a frequency band, which is part of the noise.
     pub coloured: Option<Coloured>,
-    /// If the simulation is a model of the records that was identified with the forces of a law, their best linear
-    /// model.
+    /// The best linear model of the records, if the simulation is a model that was identified from them with the
+    /// forces of a law.
     pub best_linear: Option<Plant>,
     /// Steps that the diagnosis skips.
     pub off: Vec<Step>,
-    /// If no explanation leaves only noise, the factor by which the simulation's limits are exceeded. The remaining
+    /// The factor by which the simulation's limits are exceeded, if no explanation leaves only noise. The remaining
     /// residual then counts as an error of the simulation in addition to the noise.
     pub widened: Option<f64>,
-    /// Effects that would change with time, but do not within the records.
+    /// Effects that change with time in general, but not within the records.
     pub not_of_time: Vec<String>,
 }
 
-/// Prior knowledge in addition to model and records.
+/// Prior knowledge in addition to the model and the records.
 #[derive(Debug, Clone, Default)]
 pub struct Known {
     /// Limits of the simulation's errors.
     pub limits: Limits,
     /// For a surrogate model, the standard deviations of its parameters in the order of the linear parameters.
     pub prior_std: Vec<f64>,
-    /// For a surrogate model, its error on the records that it was identified from.
+    /// For a surrogate model, its error on the records from which it was identified.
     pub model_error: Option<ModelError>,
-    /// For a surrogate model of the records, the constant that each output has beside its response (p); or empty.
+    /// For a surrogate model of the records, the constant that is added to each output's response (p); otherwise empty.
     pub offsets: Vec<f64>,
     /// For a surrogate model that was identified with the forces of a law, the best linear model of the same records,
     /// with its offsets.
@@ -88,7 +88,7 @@ pub struct Known {
     pub units: Units,
     /// Ports that the case declares.
     pub ports: Vec<CasePort>,
-    /// The controller that was at work, if there was one.
+    /// The controller that closed the loop, if there was one.
     pub controller: Option<Arc<Controller>>,
     /// Whether a part of the held-out record may be fitted.
     pub may_divide: bool,
@@ -163,8 +163,8 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     })
 }
 
-/// Returns the plant with the ports and the controller of the case, and the best linear model of the records if the
-/// plant is another one.
+/// Returns the plant with the ports and the controller of the case, and the best linear model of the records if that
+/// is another plant.
 fn plants(model: &Model, known: &Known) -> Result<(Plant, Option<Plant>), GapError> {
     let of = |model: &Model, offsets: &[f64]| {
         let mut plant = Plant::with_settings(model, &known.settings.plant)?;
@@ -186,22 +186,22 @@ pub struct NoiseLevel {
     pub factor: f64,
     /// Relative standard deviation of the factor.
     pub uncertainty: f64,
-    /// Whether records show the noise level. Otherwise it is only declared or assumed.
+    /// Whether records show the noise level. Otherwise the level is only declared or assumed.
     pub seen: bool,
     /// Power of the differences between periods of driven records over that of quiet records, if the ratio exceeds
-    /// chance: a random effect acts in driven records, which is not noise.
+    /// chance. A random effect that is not noise then acts in the driven records.
     pub driven: Option<f64>,
 }
 
 impl Prepared {
-    /// Returns the plant whose gap is that without effects: the simulation as given, or the best linear model of the
-    /// records if there is none.
+    /// Returns the plant whose gap is the gap without effects: the best linear model of the records if there is one,
+    /// or else the simulation as given.
     pub fn as_given(&self) -> &Plant {
         self.best_linear.as_ref().unwrap_or(&self.problem.plant)
     }
 
-    /// Returns the sum of squares of the whitened differences between the periods of driven records, without these
-    /// simulations, and its degrees of freedom.
+    /// Returns the sum of squares of the whitened differences between the periods of driven records after subtraction
+    /// of these simulations, and its degrees of freedom.
     fn between_periods(&self, simulated: &[Channels]) -> (f64, f64) {
         let problem = &self.problem;
         let (mut power, mut freedom) = (0.0, 0.0);
@@ -238,16 +238,17 @@ impl Prepared {
         (power, freedom)
     }
 
-    /// Estimates the noise level from quiet records and from the differences between periods without the best
-    /// explanation. The error of a wrong explanation repeats with the period and does not enter. `left` is the mean
-    /// squared whitened residual of the best explanation: if nothing shows the noise level, the level is at most that.
+    /// Estimates the noise level from quiet records and from the differences between periods, after subtraction of
+    /// the best explanation. The error of a wrong explanation repeats with the period and does not enter. `left` is
+    /// the mean squared whitened residual of the best explanation. If no record shows the noise level, the level is
+    /// at most `left`.
     pub fn noise_level(&self, simulated: &[Channels], left: f64) -> NoiseLevel {
         let problem = &self.problem;
         let settings = &problem.settings.prepare;
         let p = problem.plant.p as f64;
         let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
         let (mut power, mut freedom) = self.between_periods(simulated);
-        // The rounding of a coarse converter repeats with the period, and is not noise there.
+        // The rounding error of a coarse converter repeats with the period, so it does not appear as noise there.
         if self.quantisation.iter().any(|output| output.coarse || output.hidden.is_some()) {
             return NoiseLevel { factor: 1.0, uncertainty: settings.rounded_uncertainty, seen: true, driven: None };
         }
@@ -257,7 +258,7 @@ impl Prepared {
         let both = quiet >= settings.level_values && freedom >= settings.level_values;
         let scatter = uncertainty(quiet).hypot(uncertainty(freedom));
         let driven = (both && ratio - 1.0 > settings.louder.max(settings.louder_deviations * scatter)).then_some(ratio);
-        // The noise model was fitted to the quiet records, so its factor there is one.
+        // The noise model was fitted to the quiet records, so the factor is one for these.
         if driven.is_none() {
             (power, freedom) = (power + quiet, freedom + quiet);
         } else {
@@ -277,7 +278,7 @@ impl Prepared {
         NoiseLevel { factor: power / freedom, uncertainty, seen: true, driven }
     }
 
-    /// Looks again for missing modes, in the residual of a refit. As long as the simulation's own frequencies are off,
+    /// Looks again for missing modes, in the residual of a refit. While the simulation's own frequencies are off,
     /// their peaks hide smaller ones.
     pub fn renew_missing(&mut self, eta: &[f64]) {
         let problem = &mut self.problem;
@@ -291,13 +292,14 @@ impl Prepared {
         }
     }
 
-    /// Looks again for repeated values, among the errors of an explanation: in a large gap as given they do not stand
-    /// out. Returns whether an output turned out to drop samples.
+    /// Looks again for repeated values, in the errors of an explanation: in a large gap of the simulation as given,
+    /// they do not stand out. Returns whether an output turned out to drop samples.
     pub fn renew_quantisation(&mut self, simulated: &[Channels]) -> bool {
         let records = &self.problem.records;
         let errors: Vec<Channels> = records.iter().zip(simulated).map(|(r, y)| r.error(y)).collect();
         let mut seen = quantisation::of_outputs(records, &errors, &self.declared_sensor, &self.problem.settings.signal);
-        // The values of coarse converters have been corrected, so the rest is known from the recorded ones.
+        // The values of coarse converters have been corrected, so their other properties are known only from the
+        // recorded values.
         for (new, old) in seen.iter_mut().zip(&self.quantisation) {
             let (dropout_rate, repeats) = (new.dropout_rate, std::mem::take(&mut new.repeats));
             *new = if old.coarse { old.clone() } else { Quantisation { dropout_rate, repeats, ..old.clone() } };
@@ -321,16 +323,16 @@ impl Prepared {
         rounds
     }
 
-    /// Removes a line whose phase wanders from the records. If `may_be` and the records rather show a random force in a
-    /// band, the force becomes part of the noise instead. Returns which of the two was found; `None` if there is no
-    /// such line.
+    /// Removes a line whose phase wanders from the records. If `may_be` is set and the records indicate a random
+    /// force in a band instead, the force becomes part of the noise. Returns a description of which of the two was
+    /// found; `None` if there is no such line.
     pub fn renew_lines(&mut self, eta: &[f64], effects: &[Placed], may_be: bool) -> Option<&'static str> {
         let (which, line) = wandering(self, eta, effects)?;
         let mut others = effects.to_vec();
         others.remove(which);
         let simulated = outputs(&self.problem, eta, &others);
         if may_be && self.coloured.is_none() {
-            // Lines were removed from the quiet records before.
+            // The lines were removed from the quiet records, so these are computed anew.
             let mut whole = self.clone();
             whole.quiet = whole.quiet_of(&simulated);
             whole.noise = whole.fitted(&whole.quiet);
@@ -352,7 +354,7 @@ impl Prepared {
     }
 
     /// Adds a random force in a band, which acts in the quiet records, to the noise, because separate forces on all
-    /// modes represent it badly. Returns a description if the force was not known before.
+    /// modes represent it poorly. Returns a description if there is such a force and it was not known before.
     pub fn renew_band(&mut self, simulated: &[Channels]) -> Option<&'static str> {
         if self.coloured.is_some() {
             return None;
@@ -366,7 +368,7 @@ impl Prepared {
         let longest = self.quiet.iter().map(|stretch| stretch.length).max().unwrap_or(1);
         let plant = &self.problem.plant;
         let apart_widths = self.problem.settings.prepare.apart_widths;
-        // In a record that is too short, a resonance driven by noise looks like a line.
+        // In a short record, a resonance driven by noise looks like a line.
         let apart = |hz: f64, mode: &Mode| {
             (hz - mode.hz()).abs() > (mode.damping() * mode.hz()).max(plant.rate / longest as f64) * apart_widths
         };
@@ -383,15 +385,15 @@ impl Prepared {
         rounded(noise, quiet, &self.quantisation, (&self.declared_sensor, self.declares))
     }
 
-    /// Uses a noise model from now on.
+    /// Adopts a noise model and whitens with it.
     fn whiten_with(&mut self, noise: NoiseModel) {
         self.problem.whiteners = whiteners(&self.problem.records, &noise, self.problem.plant.rate, &self.quantisation);
         self.noise = noise;
     }
 
-    /// Returns the residual of the records without input, without lines whose phase wanders. If a force acts in a band,
-    /// the differences between the periods of other records are added, because a short record holds few independent
-    /// values of a resonance driven by noise.
+    /// Returns the residual of the records without input, after removal of lines whose phase wanders. If a force acts
+    /// in a band, the differences between the periods of other records are added, because a short record contains few
+    /// independent values of a resonance driven by noise.
     fn quiet_of(&self, simulated: &[Channels]) -> Vec<Stretch> {
         let plant = &self.problem.plant;
         let left = |(record, y): (&Record, &Channels)| {
@@ -414,9 +416,9 @@ impl Prepared {
         quiet
     }
 
-    /// Counts the residual of an explanation in driven records as an error of the simulation in addition to the noise.
-    /// A real simulation is off in many small ways that no effect explains. A likelihood with noise alone would take
-    /// each of them for certain and rank explanations by them.
+    /// Counts the residual of an explanation in driven records as an error of the simulation in addition to the
+    /// noise. In practice, a simulation is off in many small ways that no effect explains. A likelihood with noise
+    /// alone would treat each of these errors as significant and rank explanations by them.
     pub fn admit_error(&mut self, simulated: &[Channels]) {
         let problem = &self.problem;
         let errors: Vec<Channels> = problem.records.iter().zip(simulated).map(|(record, y)| record.error(y)).collect();
@@ -433,7 +435,7 @@ impl Prepared {
     }
 
     /// Treats the part of the residual that the inputs do not explain as noise, as if the driven records were quiet.
-    /// Looks for a random force in a band if there `may_be` one and resonances account for most of the noise at some
+    /// Looks for a random force in a band if `may_be` is set and resonances account for most of the noise at some
     /// output.
     pub fn take_for_noise(&mut self, simulated: &[Channels], may_be: bool) {
         let driven = self.problem.records.iter().zip(simulated).filter(|(record, _)| record.is_driven());
@@ -453,8 +455,8 @@ impl Prepared {
         }
     }
 
-    /// Returns the factor by which the limits must widen to hold most of these linear parameters; the refit shows which
-    /// of them the records determine.
+    /// Returns the factor by which the limits must widen to contain most of these linear parameters. The refit shows
+    /// which of the parameters the records determine.
     pub fn needed(&self, eta: &[f64], refitted: &Refit) -> f64 {
         let problem = &self.problem;
         problem.nuisance.needed(eta, &refitted.jacobian, problem.settings.fit.determined)
@@ -468,8 +470,8 @@ impl Prepared {
         self.widened = Some(scale);
     }
 
-    /// Fits the noise again, to the residual of an explanation in the quiet records: a disturbance or a line in them is
-    /// not noise. Returns whether the noise changed enough for residuals to be whitened again.
+    /// Fits the noise again, to the residual of an explanation in the quiet records: a disturbance or a line in these
+    /// records is not noise. Returns whether the noise changed enough for the residuals to be whitened again.
     pub fn renew_noise(&mut self, simulated: &[Channels]) -> bool {
         if self.off.iter().any(|step| matches!(step, Step::NoiseFit | Step::RenewedNoise)) {
             return false;
@@ -494,17 +496,17 @@ fn declare(plant: &mut Plant, ports: &[CasePort]) -> Result<(), GapError> {
     plant.declare(ports).map_err(|(name, message)| GapError::Port { name, message })
 }
 
-/// Returns the whitening of each record, with repeated values masked.
+/// Returns the whitener of each record, with repeated values masked.
 fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, quantisation: &[Quantisation]) -> Vec<Whitener> {
     let masked = |k: usize| quantisation.iter().map(|output| output.repeats[k].clone()).collect();
     records.iter().enumerate().map(|(k, record)| Whitener::new(record, noise, rate, masked(k))).collect()
 }
 
 /// Adds the noise of converters and encoders: q^2 / 12 as soon as the signal moves, although a quiet record may be
-/// constant. A coarse one hides the noise before it, which is then as declared. If the values lie on a grid and a quiet
-/// record is constant, the noise before the converter is small: with a standard deviation above a sixth of a step, some
-/// value would have left its code. If they show a few codes only, how often they do gives the noise before the
-/// converter. Otherwise the noise is what the quiet records show, and no less than the rounding.
+/// constant. A coarse converter hides the noise before it, which is then taken as declared. If the values lie on a grid
+/// and a quiet record is constant, the noise before the converter is small: with a standard deviation above a sixth of
+/// a step, some value would have left its code. If the values occupy only a few codes, the frequency of each code gives
+/// the noise before the converter. Otherwise the noise is that of the quiet records, and no less than the rounding.
 fn rounded(
     noise: NoiseModel,
     quiet: &[Stretch],
@@ -528,9 +530,9 @@ fn rounded(
     })
 }
 
-/// Returns the noise of records of which none shows the noise alone and for which none is declared: what their inputs
-/// do not explain, but no more than is assumed. Random forces on the modes may account for all of it in the fit; the
-/// white noise of a sensor is then still as strong as the weakest part of the spectrum.
+/// Returns the noise of records none of which shows the noise alone, if no noise is declared: the part that their
+/// inputs do not explain, but no more than is assumed. In the fit, random forces on the modes may account for all of
+/// this part. The white noise of a sensor is therefore at least as strong as the weakest part of the spectrum.
 fn at_most(assumed: &NoiseModel, records: &[Record], errors: &[Channels]) -> NoiseModel {
     let driven = records.iter().zip(errors).filter(|(record, _)| record.is_driven());
     let stretches: Vec<Stretch> = driven.filter_map(|(record, error)| unexplained(record, error)).collect();
@@ -601,7 +603,7 @@ fn fill_from_other_periods(error: &mut [f64], period: usize) {
     }
 }
 
-/// Returns the differences between periods, except for the first two, which contain the transient.
+/// Returns the differences between periods. The first two periods are left out, because they contain the transient.
 fn differences(records: &[Record], shortest: usize) -> Vec<Stretch> {
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let mut stretches = Vec::new();
@@ -696,7 +698,7 @@ pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
     setting.force = (0..plant.ports.len()).map(force).collect();
 }
 
-/// Returns the lowest and the highest displacement at a port in all records, if an output measures it.
+/// Returns the lowest and the highest displacement at a port over all records, if an output measures the displacement.
 fn measured_range(plant: &Plant, port: usize, records: &[Record]) -> Option<[f64; 2]> {
     let port = &plant.ports[port];
     let row = |modal: &mut dyn Iterator<Item = C>, rest: Vec<f64>| -> Vec<f64> {
@@ -721,7 +723,7 @@ pub(crate) fn port_motion(plant: &Plant, u: &[Vec<f64>]) -> Channels {
     if plant.ports.is_empty() {
         return Vec::new();
     }
-    // The ports' rows are further outputs of the same modes. A controller reads the plant's own.
+    // The rows of the ports become further outputs of the same modes. A controller reads only the plant's own outputs.
     let mut probe = plant.clone();
     let (p, ports) = (plant.p, plant.ports.len());
     probe.p = p + 2 * ports;
@@ -743,7 +745,7 @@ pub(crate) fn port_motion(plant: &Plant, u: &[Vec<f64>]) -> Channels {
     motion
 }
 
-/// Returns the force at a port that moves the modes as much as the mean input does.
+/// Returns the size of a force at a port that moves the modes as much as an input does on average.
 fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
     let forced: f64 = plant.ports[port].force.iter().map(|g| g.norm_sqr()).sum();
     let driven: f64 = plant
@@ -759,8 +761,8 @@ fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
     }
 }
 
-/// Returns the force at a port that belongs to no input, in a plant without modes, that moves the states as much as the
-/// inputs do; one if nothing is driven.
+/// Returns the size of a force at a port that belongs to no input, in a plant without modes, such that the force
+/// moves the states as much as the inputs do; one if nothing is driven.
 fn force_on_rest(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
     let Some((_, b)) = &plant.rest.continuous else { return 1.0 };
     let forced = plant.ports[port].force_rest.norm_squared();
@@ -778,8 +780,8 @@ pub(crate) mod tests {
     }
 
     /// Two coupled drives, whose tachometer shows the magnitude of the speed, with a model that was identified from
-    /// such records. Forces on its mode would account for all that the input does not explain, the white noise
-    /// included.
+    /// such records. Forces on the mode of the model would account for all that the input does not explain, including
+    /// the white noise.
     #[test]
     fn white_noise_is_not_taken_for_forces_on_modes() {
         use nalgebra::dmatrix;
@@ -814,7 +816,7 @@ pub(crate) mod tests {
         assert!(found > 0.7 * STD, "{found}");
     }
 
-    /// The power of white noise is that of the weakest part of its spectrum beside a strong resonance.
+    /// The power of white noise is that of the weakest part of the spectrum, even beside a strong resonance.
     #[test]
     fn the_weakest_part_of_a_spectrum_is_its_white_noise() {
         const STD: f64 = 0.1;
@@ -829,7 +831,7 @@ pub(crate) mod tests {
         assert!((white / (STD * STD) - 1.0).abs() < 0.3, "{white}");
     }
 
-    /// The peaks of the simulation's own frequency errors hide a weak missing mode; a refit removes them.
+    /// The peaks of the simulation's own frequency errors hide a weak missing mode until a refit removes them.
     #[test]
     fn a_missing_mode_is_seen_behind_frequencies_that_are_off() {
         let real = testing::truss_with(1, |_, shapes, _| shapes.row_mut(2).scale_mut(0.1));
@@ -847,7 +849,8 @@ pub(crate) mod tests {
         assert!(seen(&ready), "{:?}", ready.problem.setting.missing);
     }
 
-    /// An encoder at rest shows no noise. As soon as it moves, it has that of its steps, and so has each record.
+    /// An encoder at rest shows no noise. As soon as it moves, its noise is that of its steps, and this holds for all
+    /// records.
     #[test]
     fn an_encoder_at_rest_does_not_hide_its_steps() {
         let sim = testing::truss(1);
@@ -866,7 +869,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// The noise of an encoder is that of its steps, and not a part of the noise that is assumed because none is
+    /// The noise of an encoder is that of its steps, and is unrelated to the noise that is assumed if none is
     /// declared. A channel that is constant for another reason shows no noise level, so its noise is as declared.
     #[test]
     fn what_is_constant_at_rest_shows_no_noise_level() {
@@ -895,7 +898,7 @@ pub(crate) mod tests {
         assert!((sensors[1] / assumed[1].powi(2) - 1.0).abs() < 1e-6, "{sensors:?}");
     }
 
-    /// If a driven plant has more noise than the quiet record, the quiet record gives the noise level.
+    /// If a driven plant has more noise than the quiet record, the quiet record determines the noise level.
     #[test]
     fn what_is_random_only_when_driven_is_no_noise() {
         const PERIOD: usize = 512;
@@ -924,7 +927,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// Some missing samples change no figure by more than their share, whatever the record and whether noise is
+    /// A few missing samples change each figure by less than 5 %, in every kind of record, and whether noise is
     /// declared or not.
     #[test]
     fn missing_outputs_are_masked() {

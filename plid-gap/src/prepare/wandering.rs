@@ -1,5 +1,5 @@
 //! Lines whose phase wanders: forces at one frequency that no simulation can predict. They are removed from the
-//! residuals, and are estimated from the removed part.
+//! residuals, and their amplitudes are estimated from the removed part.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -23,11 +23,11 @@ pub struct Wandering {
     pub amplitude: f64,
     /// Its RMS at each output.
     pub rms: Vec<f64>,
-    /// Its gain in twice the log likelihood.
+    /// Its gain, as twice the log likelihood.
     pub gain: f64,
 }
 
-/// Returns the first line of an explanation that does not keep its phase from record to record, by number.
+/// Returns the first line of an explanation that does not keep its phase from record to record, with its index.
 pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(usize, Wandering)> {
     let problem = &ready.problem;
     let settings = &problem.settings.prepare;
@@ -54,8 +54,8 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
         if own - one < settings.random_phase_gain || one > settings.common_phase_share * own {
             return None;
         }
-        // Its size is estimated from its modulated sine in each record, because its phase may wander within a record as
-        // well.
+        // The amplitude is estimated from the modulated sine in each record, because the phase may wander within a
+        // record as well.
         let runs = [&others, &with(0.0)].map(|effects| outputs(problem, eta, effects));
         let (mut powers, mut one) = (Vec::new(), 0.0);
         for ((record, simulated), steady) in problem.records.iter().zip(&runs[0]).zip(&runs[1]) {
@@ -81,15 +81,15 @@ fn mean_square_of_difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64
 }
 
-/// Returns the mean square, at each output, of what a slowly modulated sine can contribute to a residual.
+/// Returns the mean square, at each output, of the part of a residual that a slowly modulated sine can represent.
 pub(super) fn powers_about(residual: &[Vec<f64>], rate: f64, hz: f64) -> Vec<f64> {
     let left = notch::without(residual, rate, hz);
     residual.iter().zip(&left).map(|(all, left)| mean_square_of_difference(all, left)).collect()
 }
 
 /// Returns whether a line has about the same amplitude in all records, from its power at each output in each record.
-/// `scales` are the sizes in which the outputs are compared; an output of size zero is left out. What an unknown law
-/// leaves at a resonance looks like a line, too, but it follows the level of the inputs.
+/// `scales` are the scales in which the outputs are compared; an output with a scale of zero is left out. The
+/// residual of an unknown law at a resonance also looks like a line, but it follows the level of the inputs.
 pub(super) fn is_steady(powers: &[Vec<f64>], scales: &[f64], least: f64) -> bool {
     let amplitude = |power: &Vec<f64>| {
         let both = power.iter().zip(scales).filter(|(_, scale)| **scale > 0.0);
@@ -101,7 +101,7 @@ pub(super) fn is_steady(powers: &[Vec<f64>], scales: &[f64], least: f64) -> bool
 }
 
 /// Returns twice the log likelihood that a line gains over the residual `without` it: with a separate phase in each
-/// record, and with one phase for all. `traces` are its whitened responses at phases of 0 and 90 degrees.
+/// record, and with one phase for all records. `traces` are its whitened responses at phases of 0 and 90 degrees.
 fn gains(problem: &Problem, traces: &[Vec<f64>; 2], without: &[f64]) -> [f64; 2] {
     let (mut normal, mut cross, mut own) = (Matrix2::zeros(), Vector2::zeros(), 0.0);
     for record in 0..problem.records.len() {
@@ -133,7 +133,7 @@ mod tests {
     const HZ: f64 = 103.0;
     const SIZE: f64 = 0.05;
 
-    /// Phases of a line that differ between the records, sizes that do not, and sizes that do.
+    /// Phases of a line that differ between the records, amplitudes that do not, and amplitudes that do.
     const APART: [f64; 4] = [0.0, 1.9, 4.1, 5.5];
     const STEADY: [f64; 4] = [SIZE; 4];
     const UNSTEADY: [f64; 4] = [0.3 * SIZE, 0.3 * SIZE, SIZE, SIZE];
@@ -157,7 +157,7 @@ mod tests {
         prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap()
     }
 
-    /// Only a line with a separate phase in each record, and with one amplitude, wanders.
+    /// A line wanders only if it has a separate phase in each record and one amplitude in all of them.
     #[test]
     fn a_line_that_keeps_its_phase_or_follows_the_records_does_not_wander() {
         let library = Library::standard();
@@ -175,13 +175,13 @@ mod tests {
             assert_eq!(ready.renew_lines(&eta, effects, true), wanders.then_some("a line wanders"));
             let problem = &ready.problem;
             let left = sum_of_squares(&problem.residual(&problem.plant, &eta, &[], Fineness::FINE));
-            // Noise alone, or the whole line.
+            // The residual is noise alone, or contains the whole line.
             let ratio = left / problem.rows() as f64;
             assert!(if wanders { (0.8..1.1).contains(&ratio) } else { ratio > 10.0 }, "{ratio}");
         }
     }
 
-    /// An output that is always zero says nothing about a line.
+    /// An output that is always zero contains no information about a line.
     #[test]
     fn a_dead_output_does_not_hide_a_line() {
         let powers = [vec![1.0, 0.0], vec![1.1, 0.0]];
@@ -189,7 +189,7 @@ mod tests {
         assert!(!is_steady(&[powers[0].clone(), vec![9.0, 0.0]], &[1.0, 0.0], 0.5));
     }
 
-    /// Where no record is quiet, a line is offered to effects only if it has one amplitude.
+    /// If no record is quiet, a line is offered to effects only if it has one amplitude.
     #[test]
     fn a_line_that_follows_the_records_is_not_offered() {
         for sizes in [STEADY, UNSTEADY] {

@@ -107,7 +107,7 @@ fn explanations(report: Report, outcome: &Outcome, case: &Case) -> Report {
     report
 }
 
-/// How well the records could separate the explanations.
+/// Adds a table of the separability of the explanations on these records.
 fn separability(report: Report, outcome: &Outcome) -> Report {
     let diagnosis = &outcome.diagnosis;
     let [first, others @ ..] = diagnosis.separability.as_slice() else { return report };
@@ -160,7 +160,7 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
     ))
 }
 
-/// The adaptive run: innovations, and each mode of the simulation from record to record.
+/// Adds the adaptive run: innovations, and each mode of the simulation from record to record.
 fn tracks(report: Report, outcome: &Outcome) -> Report {
     let passed = &outcome.shown.evidence.tracks.passed;
     if passed.is_empty() {
@@ -198,7 +198,7 @@ const MODES: usize = 8;
 
 fn gaps(report: Report, outcome: &Outcome) -> Report {
     let gap = &outcome.diagnosis.gap;
-    // A zero has no sign.
+    // A zero is printed without a sign.
     let figure = |share: f64| Cell::fixed(if share.abs() < 5e-5 { 0.0 } else { 100.0 * share }, 2);
     let mut table = Table::new(format!("The gap in numbers, on {} ({}).", gap.measured_on.join(", "), kind(outcome)))
         .column("figure", "")
@@ -237,7 +237,7 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
     report.table(table).table(shrink).details("Residual compared with the noise", |report| report.table(costs))
 }
 
-/// The remainder on the fitted records.
+/// Returns the table of the residual of the fitted records.
 fn costs(outcome: &Outcome) -> Table {
     let judged = &outcome.shown.adequacy;
     let [given, refit, found] = outcome.shown.costs;

@@ -14,7 +14,7 @@ use crate::settings::GapSettings;
 /// Largest number of resonances in a figure.
 const MODES: usize = 4;
 
-/// Adds both figures, if there is something to draw.
+/// Adds each of the two figures for which there are data.
 pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
     let evidence = &outcome.shown.evidence;
     if let Some((svg, along)) = resonances(&evidence.resonances, &outcome.diagnosis.settings) {

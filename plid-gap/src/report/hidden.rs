@@ -1,4 +1,4 @@
-//! States whether a linear refit would hide the gap, because the refitted model looks right on these records.
+//! States whether a linear refit would hide the gap, because the refitted model would look right on these records.
 
 use super::words::percent;
 use crate::diagnose::Outcome;

@@ -23,7 +23,7 @@ use crate::diagnose::Outcome;
 pub use write::write;
 pub(crate) use write::write_answer;
 
-/// Colour of measured outputs, which are drawn broad and behind the others.
+/// Colour of measured outputs, which are drawn as broad lines behind the others.
 const MEASURED: &str = "#8f8f8f";
 /// Colour of the simulation as given.
 const GIVEN: &str = "#e69f00";

@@ -1,5 +1,5 @@
-//! Frequency responses by level. Measured and simulated outputs are processed in the same way, so the window changes
-//! both alike.
+//! Frequency responses by level. Measured and simulated outputs are processed in the same way, so that the window
+//! affects both equally.
 
 use ndarray::{Array2, s};
 use plid_fourier::Complex64;
@@ -11,8 +11,8 @@ use crate::case::Case;
 use crate::case::record::Channels;
 use crate::diagnose::Outcome;
 
-/// Least number of segments without overlap in a record. Resolution comes first, to separate modes, because the
-/// responses lie far above the noise.
+/// Smallest number of segments without overlap in a record. It is small in favour of a resolution that separates
+/// modes, because the responses lie far above the noise.
 const SEGMENTS: usize = 6;
 
 /// Share of all frequencies in the enlarged figure.
@@ -43,7 +43,8 @@ fn matrix(channels: &Channels) -> Array2<f64> {
 }
 
 impl Responses {
-    /// Computes the responses of records that are long enough and whose inputs all move; `None` if there are none.
+    /// Computes the responses of records that are long enough and whose inputs are all excited. Returns `None` if
+    /// there are none.
     pub fn new(outcome: &Outcome, case: &Case) -> Option<Self> {
         let shown = &outcome.shown;
         let m = case.config.inputs.len();
@@ -69,7 +70,7 @@ impl Responses {
         Some(Self { levels, pair, range_hz, title })
     }
 
-    /// States resolution and averages, for a caption.
+    /// States the method and its resolution, for a caption.
     pub fn how(&self) -> String {
         let frf = &self.levels[0].measured;
         let step = frf.frequency_hz.first().copied().unwrap_or(f64::NAN);
@@ -80,12 +81,13 @@ impl Responses {
         )
     }
 
-    /// The pair of the enlarged figure.
+    /// Returns the pair of the enlarged figure.
     pub fn pair(&self) -> &str {
         &self.title
     }
 
-    /// The measured response at each level, the simulation as given, and the simulation of each level with its effects.
+    /// Draws the measured response at each level, the simulation as given, and the simulation of each level with its
+    /// effects.
     pub fn by_level(&self) -> String {
         let curves = |of: &dyn Fn(&Level) -> FrfCurve| -> Vec<(String, FrfCurve)> {
             self.levels.iter().map(|level| (level.name.clone(), of(level))).collect()
@@ -106,7 +108,7 @@ impl Responses {
         frf_grid(2, &[plot("measured", measured), plot("simulated", simulated)])
     }
 
-    /// The difference of each level's response from the simulation as given: measured, and with the effects.
+    /// Draws the difference of each level's response from the simulation as given: measured, and with the effects.
     pub fn change(&self, outcome: &Outcome) -> String {
         const COLOURS: [&str; 6] = ["#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d", "#8c6d1f"];
         let ratio = |frf: &WelchFrf, given: &WelchFrf| -> Vec<(f64, f64)> {
@@ -133,7 +135,7 @@ impl Responses {
         })
     }
 
-    /// All pairs at the highest level; none if they are too many to read.
+    /// Draws all pairs at the highest level. Returns `None` if there are too many pairs to read.
     pub fn all_pairs(&self, outcome: &Outcome, case: &Case) -> Option<String> {
         let loudest = self.levels.last()?;
         let (p, m) = (case.config.outputs.len(), case.config.inputs.len());
@@ -166,8 +168,8 @@ impl Responses {
     }
 }
 
-/// Returns the pair and the band in which the input causes most error in units of the output: |H - H_sim|^2 S_uu /
-/// S_yy.
+/// Returns the pair and the band in which the input causes the largest error relative to the output: |H - H_sim|^2
+/// S_uu / S_yy.
 fn largest_difference(level: &Level, top_hz: f64) -> ((usize, usize), (f64, f64)) {
     let (lines, p, m) = level.measured.response.dim();
     let mut best = (-1.0, (0, 0), 0);

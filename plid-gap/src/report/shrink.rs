@@ -7,7 +7,7 @@ use super::words::{held_out, kind, percent, with, worst};
 use crate::diagnose::Outcome;
 use crate::judge::verdict::Verdict;
 
-/// States below the verdict how far the gap shrinks, and which gap was predicted.
+/// Returns the sentences below the verdict: the shrink of the gap, and the gap that was predicted.
 pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     let gap = &outcome.diagnosis.gap;
     let on = gap.measured_on.join(", ");
@@ -33,7 +33,7 @@ pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     sentences
 }
 
-/// Returns the gap that a shrink leaves.
+/// Returns the gap that remains after a shrink.
 fn left(as_given: f64, floor: f64, shrink: f64) -> f64 {
     if as_given <= floor {
         return as_given;

@@ -306,7 +306,7 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "sensor-noise",
         "higher prior: clearance",
         "Gap on last.csv: 2.10\u{a0}% predicted (before it was used), 2.00\u{a0}% measured.",
-        // The shrink over another model, from and to.
+        // The shrink relative to another model, with its interval.
         "the bounded refit",
         "86.00",
         // The case, and how to repeat it.
@@ -329,7 +329,7 @@ fn a_linear_refit_that_hides_the_gap_is_shown_as_such() {
     // If a parameter of the simulation is wrong, a refit is right to change it.
     assert!(!text(&outcome).contains("hides most"));
     outcome.diagnosis.effects[0].change = None;
-    // (0.4, 0.15) beyond 0.01 is a shrink of 63 %.
+    // A gap that falls from 0.4 to 0.15, with a noise floor of 0.01, shrinks by 63 %.
     let html = text(&outcome);
     assert!(html.contains("A linear refit hides most of this gap") && html.contains("nonlinear: such a model"));
     assert!(html.contains("(62.6\u{a0}% of the shrink that noise allows)"), "{html}");

@@ -1,4 +1,4 @@
-//! Traces and spectra of one output: measured, as given, and with the effects.
+//! Traces and spectra of one output: measured, simulated as given, and simulated with the effects.
 
 use std::ops::Range;
 
@@ -11,10 +11,10 @@ use super::{GIVEN, MEASURED, REFERENCE, WITH};
 use crate::case::record::{Channels, rms};
 use crate::diagnose::Outcome;
 
-/// Number of samples of a trace.
+/// Largest number of samples of a trace.
 const WINDOW: usize = 200;
 
-/// Returns where the outputs together are loudest, each in units of its RMS.
+/// Returns the samples over which the outputs together are loudest, each in units of its RMS.
 fn loudest(y: &[Vec<f64>]) -> Range<usize> {
     let samples = y.first().map_or(0, Vec::len);
     let finite = |y: &f64| if y.is_finite() { *y } else { 0.0 };
@@ -30,7 +30,7 @@ fn loudest(y: &[Vec<f64>]) -> Range<usize> {
     start..start + width
 }
 
-/// Outputs of one record: measured, as given, and with the effects.
+/// Outputs of one record: measured, simulated as given, and simulated with the effects.
 pub(crate) struct Traces<'t> {
     /// Name of the record.
     pub record: &'t str,
@@ -38,16 +38,17 @@ pub(crate) struct Traces<'t> {
     pub rate: f64,
     /// Names of the outputs (p).
     pub outputs: &'t [String],
-    /// Measured, as given, and with the effects (p channels each).
+    /// The outputs: measured, simulated as given, and simulated with the effects (p channels each).
     pub y: &'t [Channels; 3],
-    /// Name of the last of them.
+    /// Label of the simulation with the effects.
     pub with: String,
-    /// For each output, frequencies in Hz with the density of the noise; empty if it is not shown.
+    /// For each output, pairs of a frequency in Hz and the density of the noise there; empty if the noise is not
+    /// shown.
     pub noise: &'t [Vec<(f64, f64)>],
 }
 
 impl<'t> Traces<'t> {
-    /// Those of a diagnosis.
+    /// Returns the traces of a diagnosis.
     pub(super) fn of(outcome: &'t Outcome) -> Self {
         let shown = &outcome.shown;
         Self {

@@ -1,4 +1,4 @@
-//! The second figure: where the gap lies.
+//! The second figure: the location of the gap.
 
 use nalgebra::DMatrix;
 use ndarray::Array2;
@@ -10,10 +10,10 @@ use crate::diagnose::Outcome;
 use crate::effects::Side;
 use crate::judge::locate::{Estimate, LevelGap, Map, STRETCHES};
 
-/// Least share that is visible.
+/// Smallest visible share.
 const HOLDS: f64 = 0.0005;
 
-/// Least number of bands that are drawn.
+/// Smallest number of bands that are drawn.
 const FEWEST: usize = 8;
 
 /// Adds the section.
@@ -90,7 +90,7 @@ fn band(from: f64, to: f64) -> String {
     format!("{from:.digits$} to {to:.digits$} Hz")
 }
 
-/// Returns shares in per cent over bands. Bands above the last visible one are left out.
+/// Draws shares in per cent over bands. Bands above the last visible one are left out.
 fn map(of: &Map, share: &DMatrix<f64>, rows: Vec<String>) -> String {
     let holds =
         |b: usize| share.column(b).iter().any(|x| *x >= HOLDS) || of.share.column(b).iter().any(|x| *x >= HOLDS);
@@ -109,7 +109,7 @@ fn map(of: &Map, share: &DMatrix<f64>, rows: Vec<String>) -> String {
     })
 }
 
-/// Returns the names of the stretches of time: when, and in which records.
+/// Returns the names of the stretches of time: their times and their records.
 fn stretches(outcome: &Outcome) -> Vec<String> {
     let fitted = &outcome.shown.fitted;
     let rate = outcome.shown.rate;
@@ -143,7 +143,7 @@ fn stretches(outcome: &Outcome) -> Vec<String> {
 /// Largest number of outputs in a figure of shares.
 const MOST_OUTPUTS: usize = 12;
 
-/// Tabulates outputs, bands and stretches with their intervals.
+/// Draws the shares of outputs, bands and stretches with their intervals.
 fn shares(outcome: &Outcome) -> String {
     let (shown, place) = (&outcome.shown, &outcome.diagnosis.place);
     let map = &shown.before;
@@ -164,11 +164,11 @@ fn shares(outcome: &Outcome) -> String {
     bars_of(&Bars { bars, label: "share of the squared gap beyond the noise, %".into(), reference: None })
 }
 
-/// Ratio of the highest to the lowest level from which the gap is drawn against the level: on a narrower axis, all
-/// points would lie above one another.
+/// Smallest ratio of the highest to the lowest level for which the gap is drawn against the level. On a narrower
+/// axis, all points would lie above one another.
 const LEAST_SPAN: f64 = 1.05;
 
-/// Magnitude below which a slope is shown as zero, which has no sign: half of its last digit.
+/// Magnitude below which a slope counts as zero, which has no sign: half of the last digit that is printed.
 const ZERO_SLOPE: f64 = 0.05;
 
 /// Draws the gap against the level, before and after, if there are two levels.
@@ -245,7 +245,7 @@ fn level_caption(outcome: &Outcome) -> String {
     )
 }
 
-/// Draws the remainder, for the details.
+/// Adds the location of the remainder, for the details.
 pub(super) fn after(report: Report, outcome: &Outcome) -> Report {
     let shown = &outcome.shown;
     if !(shown.after.share.sum() > 0.0) {

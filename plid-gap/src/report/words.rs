@@ -52,7 +52,7 @@ pub(super) fn explanation(explanation: &Explanation) -> String {
     }
 }
 
-/// Names the simulation with all that was found.
+/// Names the simulation after the refit or with the effects.
 pub(super) fn with(outcome: &Outcome) -> &'static str {
     match (outcome.diagnosis.verdict, outcome.diagnosis.effects.len()) {
         (Verdict::None, _) => "after the bounded refit",
@@ -74,7 +74,7 @@ pub(super) fn held_out(outcome: &Outcome) -> bool {
     !outcome.diagnosis.gap.measured_on.iter().any(fitted)
 }
 
-/// States how far the records on which the gaps were measured have been used.
+/// States the earlier use of the records on which the gaps were measured.
 pub(super) fn kind(outcome: &Outcome) -> &'static str {
     if held_out(outcome) {
         "held out from all fitting; the verdict used it to accept or reject explanations"

@@ -11,17 +11,17 @@ use crate::error::GapError;
 use crate::report;
 use plid_file::{Staged, to_json, write_atomic};
 
-/// It is written last: its presence shows that the other files are complete.
+/// The file of the diagnosis. It is written last, so its presence shows that the other files are complete.
 const DIAGNOSIS: &str = "diagnosis.json";
 
 /// The file that a prediction reads.
 const SIMULATION: &str = "sim-with-effect.json";
 
-/// Writes diagnosis.json, sim-with-effect.json and report.html into a folder. They replace those of an earlier
-/// diagnosis together. If anything fails, the earlier files are not changed.
+/// Writes diagnosis.json, sim-with-effect.json and report.html into a folder. Together they replace those of an
+/// earlier diagnosis. If anything fails, the earlier files are not changed.
 ///
 /// # Errors
-/// [`GapError::NotFinite`] with file and key, before anything is written; [`GapError::Io`] with the file.
+/// [`GapError::NotFinite`] with the file and the key, before anything is written; [`GapError::Io`] with the file.
 pub fn write(outcome: &Outcome, case: &Case, directory: &Path) -> Result<(), GapError> {
     write_answer(&outcome.diagnosis, &outcome.simulation, || report::page(outcome, case), directory)
 }
@@ -29,7 +29,7 @@ pub fn write(outcome: &Outcome, case: &Case, directory: &Path) -> Result<(), Gap
 /// Writes the files of any diagnosis.
 ///
 /// # Errors
-/// As [`write()`].
+/// The errors of [`write()`].
 pub(crate) fn write_answer(
     diagnosis: &impl Serialize,
     simulation: &impl Serialize,

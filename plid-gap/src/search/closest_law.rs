@@ -10,8 +10,8 @@ use crate::fit::problem::{Placed, Problem};
 /// Number of points of a curve.
 const POINTS: usize = 121;
 
-/// Returns the law that is nearer than that of `present` to the curve of these effects at its location, with the size
-/// that fits best; `None` if the law of `present` is the nearest.
+/// Returns the law that is nearest to the curve of these effects at the location of `present`, with the size that
+/// fits best; `None` if this law is not clearly nearer than that of `present`.
 pub fn closest_law<'a>(
     problem: &Problem,
     effects: &[Placed<'a>],
@@ -74,9 +74,9 @@ fn grid(range: f64, k: usize) -> f64 {
     range * (2.0 * k as f64 / (POINTS - 1) as f64 - 1.0)
 }
 
-/// Returns the share of a curve that a multiple of a law does not follow, and the multiple. A constant and a straight
-/// line are free: no acceleration shows a static force, and a refit absorbs what is linear. Points are weighted by how
-/// often a Gaussian motion passes them.
+/// Returns the share of a curve's energy that the best multiple of a law does not reproduce, and this multiple. A
+/// constant and a straight line are removed first: no acceleration shows a static force, and a refit absorbs the
+/// linear part. Points are weighted by the probability density of a Gaussian motion.
 fn unlike(range: f64, curve: &DVector<f64>, law: &DVector<f64>) -> (f64, f64) {
     let weight = |k: usize| (-0.25 * grid(range, k).powi(2)).exp();
     let weighted = |f: &dyn Fn(usize) -> f64| DVector::from_fn(POINTS, |k, _| weight(k) * f(k));
@@ -118,7 +118,7 @@ mod tests {
         };
         let (name, k) = named(std::slice::from_ref(&half), &|_| true).unwrap();
         assert_eq!(name, "quadratic-stiffness");
-        // Half of the whole parabola.
+        // The size is half that of the whole parabola.
         let size = problem.setting.force[0] / rms.powi(2);
         assert!((k / (0.5 * size) - 1.0).abs() < 1e-6, "{k} {size}");
         let cube = law("cubic-stiffness", vec![3.0 * size / rms]);

@@ -1,10 +1,10 @@
-//! Whether a change over time follows the time.
+//! A test of whether a change over time follows the time or the level.
 //!
-//! Records are often taken at one level after the other. A stiffness that falls with the level then looks like one that
-//! drifts: it is smaller in each record than in the one before. But a drift continues within each record, and a change
-//! that depends on the level does not. So an effect that changes with time is fitted once more with a size that is
-//! constant within each record, that of its middle. If this explains the records better, the effect does not follow the
-//! time.
+//! Records are often taken at successive levels. A stiffness that falls with the level then looks like one that
+//! drifts: it is smaller in each record than in the one before. But a drift continues within each record, and a
+//! change that depends on the level does not. So an effect that changes with time is fitted once more with a size
+//! that is constant within each record: the size in the middle of the record. If this fit explains the records
+//! better, the effect does not follow the time.
 
 use std::sync::Arc;
 
@@ -15,19 +15,19 @@ use crate::fit::problem::{Effort, Fit, Placed, Problem};
 use crate::fit::refit::Refit;
 use crate::simulate::Fineness;
 
-/// The fits that are compared.
+/// Effort of the fits that are compared.
 const COMPARED: Effort = Effort { steps: 6, gain: 1.0, fineness: Fineness::COARSE };
 
 /// A change over time that does not follow the time.
 pub(crate) struct NotOfTime {
     /// The name of its effect.
     pub effect: String,
-    /// The effect at its place.
+    /// The effect and its place in words.
     pub words: String,
 }
 
-/// Returns the first effect of an explanation that changes with time, but not within the records. Records of one level
-/// cannot tell: there the plant may have changed between two of them.
+/// Returns the first effect of an explanation that changes with time, but not within the records. Records of a single
+/// level cannot decide this, because the plant may have changed between two of them.
 pub(crate) fn not_of_time(problem: &Problem, refitted: &Refit, best: &Fit) -> Option<NotOfTime> {
     let levels: Vec<f64> = problem.records.iter().filter(|r| r.is_driven()).map(Record::level).collect();
     let [low, high] = levels.iter().fold([f64::INFINITY, 0.0], |[low, high], &x| [low.min(x), x.max(high)]);
@@ -102,7 +102,7 @@ impl Effect for ByRecord<'_> {
     }
 }
 
-/// A change of the command by the time alone, at the time of the middle of its record.
+/// A change of the command that depends on time alone, evaluated in the middle of the record.
 struct ConstantCommand {
     command: Box<dyn Command>,
     spans: Arc<[[f64; 2]]>,
@@ -127,7 +127,8 @@ mod tests {
     use crate::simulate::simulate;
     use crate::testing;
 
-    /// Returns what is refuted of an effect if the true change is steady, or constant within each record.
+    /// Returns the effect that is refuted, if any. The true change is constant within each record if `by_record` is
+    /// true; otherwise it is continuous.
     fn refuted(effect: &'static dyn Effect, place: Place, r: f64, by_record: bool) -> Option<String> {
         let model = testing::truss(8);
         let case = testing::case(&model, &model);

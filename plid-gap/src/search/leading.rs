@@ -6,8 +6,8 @@ use crate::fit::refit::Refit;
 
 /// Returns the number of samples of each record that the quick fits use: `first_samples`, or more if the refit fits
 /// the first samples of a driven record much better than its remainder. A stop that is reached late, or a chirp that
-/// arrives at a resonance late, shows nothing before. If the refit fits the records no better than the simulation as
-/// given, that simulation counts, too: a refit to a record with a stop may fit it nowhere.
+/// reaches a resonance late, leaves no trace before. If the refit fits the records no better than the simulation as
+/// given, the errors of this simulation count, too: a refit to a record with a stop may fit no part of it.
 pub(crate) fn leading(problem: &Problem, refitted: &Refit) -> usize {
     let settings = &problem.settings.search;
     if problem.records.iter().all(|record| record.samples() <= settings.first_samples) {
@@ -53,7 +53,7 @@ mod tests {
         let at = until_typical(&late, 100, 0.1);
         assert!((710..800).contains(&at), "{at}");
         assert_eq!(until_typical(&[0.5; 1000], 100, 0.1), 100);
-        // An error that grows as a drift does: a third of it shows a ninth of the power.
+        // The error grows as a drift does: its first third has a ninth of the mean square of the whole.
         let drift: Vec<f64> = (0..1000).map(|k| k as f64).collect();
         assert_eq!(until_typical(&drift, 334, 0.1), 334);
         let missing: Vec<f64> = (0..1000).map(|k| if k < 900 { f64::NAN } else { 1.0 }).collect();

@@ -1,9 +1,9 @@
-//! Strong effects are searched in the weaker records first, and what is found there is carried up (continuation in
-//! level).
+//! Strong effects are searched for in the weaker records first, and the result is carried to the louder records
+//! (continuation in level).
 //!
-//! An effect that moves a resonance by more than its width hides from a screen of derivatives and from fits that start
-//! from them. In weaker records it moves the resonance by less. Once its law is known there, a fit to the louder
-//! records starts close to its minimum.
+//! A screen by derivatives, and the fits that start from it, cannot find an effect that moves a resonance by more
+//! than its width. In weaker records, the effect moves the resonance by less. Once its law is known there, a fit to
+//! the louder records starts close to its minimum.
 
 use std::cell::OnceCell;
 
@@ -19,8 +19,8 @@ use crate::search::stage::{SearchStage, polish, whether_sound};
 use crate::search::stepwise::{Begin, Search, search};
 use crate::search::windows::{Windows, follows};
 
-/// Searches on all records. Returns the problem of the quick fits, too. `stage` is the first stage of the search; it is
-/// filled if it is empty.
+/// Searches for effects in all records, if necessary in the weaker ones first. The problem of the quick fits is
+/// returned, too. `stage` is the first stage of the search; it is filled if it is empty.
 pub(crate) fn by_level<'a>(
     problem: &mut Problem,
     noise: &NoiseModel,
@@ -54,9 +54,9 @@ pub(crate) fn by_level<'a>(
     (quick, found)
 }
 
-/// Searches again from what an earlier pass has found if this pass has missed its first effect and explains less: an
-/// earlier pass that weighs the records by their noise alone does not begin from a linear cause. Its first effects are
-/// taken, as long as each of them explains enough.
+/// Searches again from the result of an earlier pass if this pass has missed the first effect of that result and
+/// explains less: an earlier pass, which weights the records by their noise alone, does not begin from a linear
+/// cause. The first effects of the earlier result are taken, as long as each of them explains enough.
 pub(crate) fn from_earlier<'a>(
     problem: &mut Problem,
     quick: &mut Problem,
@@ -89,8 +89,8 @@ pub(crate) fn from_earlier<'a>(
     Some(search(problem, quick, begin, scope, &OnceCell::new(), say))
 }
 
-/// Searches in the records without the loudest, and fits what is found there to all of them; `None` if all have about
-/// one level, or if nothing is found. The ports get the scales that were found with it.
+/// Searches the records without the loudest ones, and fits the result to all records; `None` if all records have
+/// about the same level, or if nothing is found. The ports get the scales that were found with the result.
 fn from_below<'a>(
     problem: &mut Problem,
     noise: &NoiseModel,
@@ -125,8 +125,9 @@ mod tests {
     use crate::search::rules::Rules;
     use crate::testing::laws::{at, prepared, without};
 
-    /// A cubic spring that an earlier pass has found takes the place of a lag that explains less. What the earlier pass
-    /// has added to it without need is left out. If this pass has found the spring too, nothing is searched again.
+    /// A cubic spring that an earlier pass has found takes the place of a lag that explains less. A further effect
+    /// that the earlier pass has added without need is left out. If this pass has found the spring, too, the search
+    /// is not repeated.
     #[test]
     fn what_an_earlier_pass_has_found_is_not_lost() {
         let library = Library::standard();

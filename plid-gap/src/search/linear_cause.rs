@@ -1,11 +1,11 @@
-//! One number of the simulation that is wrong, such as a gain, where a refit has spread it over many parameters.
+//! A single wrong number of the simulation, such as a gain, whose error a refit has spread over many parameters.
 //!
-//! With the refit alone, the linear parameters are distributed about zero, with the stated standard deviations times a
-//! common factor tau that the records determine. With a cause they are distributed about its trace in them, s d, and
-//! tau is that of the other small errors. Both likelihoods follow from the information of the records on the parameters
-//! (an empirical Bayes estimate of a hierarchical prior: Gelman et al., Bayesian Data Analysis, 2013, chapter 5). A
-//! cause that accounts for most of what the refit changed thus gains although the refit leaves nothing of it in the
-//! residual.
+//! With the refit alone, the linear parameters are distributed about zero, with the stated standard deviations times
+//! a common factor tau that the records determine. With a cause of size s, they are distributed about its trace s d,
+//! and tau is the factor of the other small errors. Both likelihoods follow from the information that the records
+//! contain about the parameters (an empirical Bayes estimate of a hierarchical prior: Gelman et al., Bayesian Data
+//! Analysis, 2013, chapter 5). A cause that accounts for most of the refit's changes thus gains, although the refit
+//! leaves nothing of the cause in the residual.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -21,16 +21,17 @@ use crate::simulate::Fineness;
 /// Factors tau that are tried.
 const FACTORS: [f64; 10] = [0.25, 0.4, 0.6, 1.0, 1.5, 2.3, 3.5, 5.5, 8.5, 13.0];
 
-/// Degrees of freedom of the prior: a few parameters are off by far more than the others, for other reasons.
+/// Degrees of freedom of the prior, a t distribution: a few parameters have much larger errors than the others, for
+/// other reasons.
 const TAILS: f64 = 3.0;
 
-/// Rounds of the reweighted least squares.
+/// Number of iterations of the reweighted least squares.
 const ROUNDS: usize = 12;
 
-/// Information on a direction, over that of the prior, below which a cause has no trace there.
+/// Information on a direction, relative to that of the prior, below which a cause has no trace there.
 const FAINT: f64 = 1.0;
 
-/// Fits with such a cause: the parameters that it leaves lie along a curved valley.
+/// Effort of the fits with such a cause: the remaining parameters lie along a curved valley.
 const ABSORBED: Effort = Effort { steps: 24, gain: 0.5, fineness: Fineness::FINE };
 
 /// A cause that a refit may have absorbed.
@@ -43,10 +44,10 @@ struct LinearCause<'a> {
     taken: Vec<f64>,
 }
 
-/// Returns fits with the numbers of the simulation that best account for the changes of the linear parameters in a fit;
-/// empty if no number does. The derivatives are those at this fit.
+/// Returns fits, each with one of the numbers of the simulation that best account for the changes of the linear
+/// parameters in a fit; empty if no number does. The derivatives are those at this fit.
 pub fn fits<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Scope<'_, 'a>) -> Vec<Fit<'a>> {
-    // A few parameters do not imitate another number without leaving a residual.
+    // A few parameters cannot imitate another number without leaving a residual.
     if problem.few() {
         return Vec::new();
     }
@@ -64,10 +65,11 @@ pub fn fits<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &
     likely.into_par_iter().map(fit).filter(|fit| fit.cost.is_finite()).collect()
 }
 
-/// Returns fits of this model with one more number of the simulation. They start at the simulation as given: the linear
-/// parameters of the model may have ended far from it, where no step leads back to a cause. Only numbers that close
-/// most of what the model leaves within the limits are returned, if the linear parameters then have to change less.
-/// `informed` are the derivatives that show which parameters the records determine.
+/// Returns fits of this model with one more number of the simulation. The fits start at the simulation as given,
+/// because the linear parameters of the model may have ended so far from it that no step leads back to a cause. A fit
+/// is returned only if it removes most of the residual that the model leaves within the limits, and if its linear
+/// parameters have to change less. `informed` are the derivatives by which it is decided which parameters the records
+/// determine.
 pub fn from_given<'a>(problem: &Problem, model: &Fit<'a>, informed: &Jacobian, scope: &Scope<'_, 'a>) -> Vec<Fit<'a>> {
     let Some(within) = clipped(problem, &model.eta).filter(|_| !problem.few()) else { return Vec::new() };
     let (settings, rows, effects) = (&scope.settings, problem.rows() as f64, &model.effects);
@@ -143,18 +145,18 @@ fn causes<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Sc
 }
 
 /// The information of the records on the simulation's linear parameters, in standard deviations of their prior. The
-/// others, such as initial states, are eliminated.
+/// other parameters, such as initial states, are eliminated.
 struct Known {
     std: DVector<f64>,
-    /// H_so H_oo^-1, with the normal matrix H of the parameters s and the others o.
+    /// H_so H_oo^-1, with the normal matrix H of the simulation's parameters s and of the others o.
     eliminated: DMatrix<f64>,
-    /// J'J.
+    /// J'J after the elimination.
     information: DMatrix<f64>,
-    /// The pull of the records from zero.
+    /// The pull of the records on the parameters at zero: the right-hand side of the normal equations.
     pull: DVector<f64>,
 }
 
-/// A size of a cause with a factor on the limits.
+/// The best size of a cause at a factor on the limits.
 #[derive(Clone, Copy)]
 struct Sized {
     /// Minus the log likelihood, up to a constant.
@@ -183,7 +185,7 @@ impl Known {
         Some(known)
     }
 
-    /// Returns J' v in standard deviations; `None` if it is not finite.
+    /// Returns J' v after the elimination, in standard deviations; `None` if it is not finite.
     fn scaled(&self, cross: &DMatrix<f64>) -> Option<DVector<f64>> {
         let (n, all) = (self.std.len(), cross.nrows());
         let own = cross.view((0, 0), (n, 1)) - &self.eliminated * cross.view((n, 0), (all - n, 1));
@@ -198,14 +200,14 @@ impl Known {
         Some(information.cholesky()?.solve(pulls))
     }
 
-    /// Returns the best size of a cause, which `imitation` imitates, and the best factor on the limits.
+    /// Returns the best size of a cause that `imitation` imitates, at the best factor on the limits.
     fn best(&self, imitation: Option<&DVector<f64>>) -> Option<Sized> {
         let all = FACTORS.iter().filter_map(|&factor| self.at(factor, imitation));
         all.min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
-    /// Returns the best size with a factor on the limits, by reweighted least squares, with Laplace's approximation of
-    /// the likelihood.
+    /// Returns the best size at a factor on the limits, by reweighted least squares and with Laplace's approximation
+    /// of the likelihood.
     fn at(&self, factor: f64, imitation: Option<&DVector<f64>>) -> Option<Sized> {
         let n = self.std.len();
         let mut weights = DVector::from_element(n, 1.0);
@@ -243,8 +245,8 @@ mod tests {
     use crate::search::rules::Rules;
     use crate::testing;
 
-    /// Returns the problem of a plant whose shapes are off by half a per cent and whose first output is multiplied by
-    /// `gain`, with its refit.
+    /// Returns the problem of a plant whose shapes have errors of up to half a per cent and whose first output is
+    /// multiplied by `gain`, with its refit.
     fn refitted(gain: f64) -> (Problem, Refit) {
         let sim = testing::truss(1);
         let real = testing::truss_with(1, |_, input, output| {

@@ -10,8 +10,8 @@ use crate::search::price::Price;
 use crate::search::rules::Scope;
 use crate::search::stage::SearchStage;
 
-/// Returns the modes about which most of the residual of a linear model lies. `errors` are those of each fitted record
-/// (p channels).
+/// Returns the modes around whose frequencies most of the residual of a linear model lies. `errors` are the errors of
+/// each fitted record (p channels).
 pub fn dominant(problem: &Problem, errors: &[Channels]) -> Vec<usize> {
     let search = &problem.settings.search;
     let plant = &problem.plant;
@@ -36,7 +36,7 @@ pub fn dominant(problem: &Problem, errors: &[Channels]) -> Vec<usize> {
     order
 }
 
-/// Returns by how much the best effect on a single mode alone reduces the price of the refit.
+/// Returns the largest reduction of the refit's price by an effect on a single mode.
 pub fn gain_on_modes(problem: &Problem, noise: &NoiseModel, refitted: &Refit, scope: &Scope) -> f64 {
     let quick = problem.head(scope.settings.first_samples, noise);
     let price = Price::new(problem, scope);

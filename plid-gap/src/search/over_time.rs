@@ -1,7 +1,7 @@
 //! Changes over time that the fitted records hardly show.
 //!
 //! The refit absorbs the mean of a drift as a wrong gain or frequency, and the rest of the drift may be smaller than
-//! other errors of the simulation. A later record shows it.
+//! other errors of the simulation. A later record reveals the drift.
 
 use crate::effects::Side;
 use crate::fit::candidate::Candidate;
@@ -12,8 +12,8 @@ use crate::search::price::Price;
 use crate::search::rules::Scope;
 use crate::search::stage::SearchStage;
 
-/// Returns the fits of single changes over time to the fitted records that explain these better than the refit, each
-/// with its price.
+/// Returns the fits of single changes over time that explain the fitted records better than the refit, each with its
+/// price.
 pub(crate) fn over_time<'a>(
     problem: &Problem,
     quick: &Problem,

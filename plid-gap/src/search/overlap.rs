@@ -56,7 +56,7 @@ mod tests {
     fn overlap_is_that_of_what_the_refit_leaves() {
         let (normal, cross) = (DMatrix::from_element(1, 1, 2.0), DMatrix::from_row_slice(1, 2, &[2.0, 2.0]));
         let found = left(&normal, &cross, &[vec![2.0, 2.0, 0.0], vec![2.0, 0.0, 1.0]]).unwrap();
-        // The remaining energies are 4/2 + 4 of 8 and 4/2 + 1 of 5, and their product is 4/2.
+        // The remaining energies are 4/2 + 4 of 8 and 4/2 + 1 of 5, and their inner product is 4/2.
         let cosine = 2.0 / 18_f64.sqrt();
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
         close(found.absorbed[0], 0.25);

@@ -1,4 +1,4 @@
-//! The scales of the modes at inferred ports. They rest on reciprocity, until the response of an effect at a port
+//! The scales of the modes at inferred ports. They follow from reciprocity until the response of an effect at a port
 //! determines them.
 
 use crate::effects::{Action, Effect, Parameter, Place, Range, Setting, Side};
@@ -6,7 +6,7 @@ use crate::fit::problem::{Effort, Fit, Placed, Problem};
 use crate::plant::{Plant, PortSource};
 use crate::simulate::Fineness;
 
-/// Scales of the modes' displacements at all ports: an effect that is never named and fitted once.
+/// Scales of the modes' displacements at all ports: an effect that is fitted once and never named.
 struct ModeScales;
 
 static SCALES: ModeScales = ModeScales;

@@ -1,4 +1,4 @@
-//! The price of parameters and choices, and the conditions on which an effect is accepted.
+//! The price of parameters and choices, and the conditions under which an effect is accepted.
 
 use crate::fit::candidate::Candidate;
 use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
@@ -9,7 +9,7 @@ pub(super) struct Price<'p, 'a> {
     rows: f64,
     /// Price of an effect that the bounded refit has as a parameter.
     release: f64,
-    /// Whether the refit has every number of the simulation.
+    /// Whether the parameters of the refit include every number of the simulation.
     has_numbers: bool,
     pub scope: &'p Scope<'p, 'a>,
 }
@@ -43,27 +43,28 @@ pub(super) fn imitates(fit: &Fit, price: &Price) -> bool {
     sum_of_squares(&fit.residual) > price.scope.settings.imitation_left * price.rows
 }
 
-/// Returns by how much the price of releasing a linear parameter is lower because there are few: twice the logarithm of
-/// how many times fewer.
+/// Returns the reduction of the price of releasing a linear parameter if these are few: twice the logarithm of the
+/// factor by which they are fewer than `released_of`.
 fn fewer(problem: &Problem, scope: &Scope) -> f64 {
     let share = problem.nuisance.of_simulation().max(1) as f64 / scope.settings.released_of;
     -2.0 * share.min(1.0).ln()
 }
 
-/// Returns whether a further effect removes so much of the linear parameters' penalty that none of them may be at the
-/// place of the effect by chance.
+/// Returns whether a further effect removes so much of the linear parameters' penalty that, given their number, this
+/// is unlikely to be chance.
 pub(super) fn straightens(problem: &Problem, scope: &Scope, before: &Fit, after: &Fit) -> bool {
     let removed = problem.penalty(&before.eta) - problem.penalty(&after.eta);
     removed >= scope.settings.straightened_penalty - fewer(problem, scope)
 }
 
-/// Returns whether a further effect explains enough: of the residual, or of the changes of the linear parameters.
+/// Returns whether a further effect explains enough of the residual, or of the changes of the linear parameters.
 pub(super) fn material(problem: &Problem, scope: &Scope, before: &Fit, after: &Fit) -> bool {
     let (search, rows) = (&problem.settings.search, problem.rows() as f64);
     let left = |fit: &Fit| sum_of_squares(&fit.residual);
     let explained = left(before) - left(after);
-    // If less is left than the noise that is assumed, the records do not show how much of it is noise. Nor do they if
-    // an earlier residual is assumed: a further effect at the same place may then only correct the first one's law.
+    // If the residual is smaller than the assumed noise, the records do not show how much of the residual is noise.
+    // The same holds if an earlier residual is assumed as noise: a further effect at the same place may then only
+    // correct the law of the first.
     let corrects =
         after.effects.split_last().is_some_and(|(last, others)| others.iter().any(|e| e.place == last.place));
     let unknown = scope.imperfect && corrects || left(before) < search.overstated * rows;

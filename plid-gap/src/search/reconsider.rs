@@ -1,4 +1,4 @@
-//! Effects of an explanation that are reconsidered with all others in place.
+//! Reconsideration of the effects of an explanation with all others in place.
 
 use rayon::prelude::*;
 
@@ -10,15 +10,15 @@ use crate::search::stage::{SearchStage, is_blind, polish, whether_sound};
 
 /// The effect that was added last.
 pub(super) struct Latest {
-    /// Its gain.
+    /// The gain of the effect.
     pub gain: f64,
     /// Whether the scales of the ports have changed since.
     pub scaled: bool,
 }
 
-/// Reconsiders the effects with all others in place: the first was chosen while the others were missing. An effect that
-/// gained far more than the latest one is kept. The latest one has been compared with its rivals, unless the
-/// explanation has changed since. `gains` are those of the effects.
+/// Reconsiders each effect with all others in place, because the first was chosen while the others were missing. An
+/// effect that gained much more than the latest one is kept. The latest effect has already been compared with its
+/// rivals, so it is kept, too, unless the explanation has changed since. `gains` are the gains of the effects.
 pub(super) fn question<'a>(
     problem: &Problem,
     quick: &Problem,
@@ -34,11 +34,12 @@ pub(super) fn question<'a>(
         let Some(place) = best.effects.iter().position(|placed| same(placed, asked_now)) else { continue };
         let is_latest = number + 1 == asked.len();
         let stays = is_latest && !changed || gains[place] > price.scope.settings.questioned * latest.gain;
-        // Where effects move much, the fits to the first samples say less about those to whole records.
+        // If effects change the motion strongly or the parameters are few, the fits to the first samples say less
+        // about the fits to whole records, and all effects are reconsidered.
         if stays && !problem.few() {
             continue;
         }
-        // Whether a change over time is one is only asked where it is added.
+        // Whether a change over time follows the time is tested only when it is added.
         let may = |placed: &Placed| {
             !same(asked_now, placed) && price.scope.admits(placed) && placed.effect.side() != Side::Time
         };
@@ -53,7 +54,7 @@ pub(super) fn question<'a>(
     best
 }
 
-/// Replaces the latest effect by another one whose start follows from it, if that explains more.
+/// Replaces the latest effect by another one whose starting values follow from it, if the other effect explains more.
 pub(super) fn related<'a>(
     problem: &Problem,
     best: Fit<'a>,
@@ -73,7 +74,7 @@ pub(super) fn related<'a>(
         effect.name() != found.effect.name() && effect.places(&problem.setting).contains(&found.place)
     };
     let at = price.scope.library.effects().filter(may_be_there);
-    // The linear parameters may have made up for what the effect that was found lacks.
+    // The linear parameters may have compensated for the error of the effect that was found.
     let etas = [best.eta.clone(), problem.nuisance.as_given(&best.eta)];
     let with = |placed: Placed<'a>| {
         let effects = [others, &[placed]].concat();
@@ -87,7 +88,7 @@ pub(super) fn related<'a>(
 }
 
 /// Replaces each effect by a finer law of the same kind if more than noise is left, and if the finer law explains as
-/// much of that as a further effect would have to.
+/// much of the residual as a further effect would have to.
 pub(super) fn refined<'a>(
     problem: &Problem,
     quick: &Problem,
@@ -115,7 +116,7 @@ pub(super) fn refined<'a>(
     best
 }
 
-/// Returns the best fit in which the effect at this place of an explanation is replaced by one that `may` take it.
+/// Returns the best fit in which the effect at this index of an explanation is replaced by one that `may` replace it.
 fn replaced<'a>(
     problem: &Problem,
     quick: &Problem,
@@ -151,7 +152,7 @@ mod tests {
     use crate::testing;
     use crate::testing::axis::Axis;
 
-    /// A clearance was found where an axis moves between soft stops: the stop takes its place.
+    /// A clearance was found for an axis that moves between soft stops: the stop takes its place.
     #[test]
     fn a_stop_takes_the_place_of_a_clearance() {
         fn stop(d: f64, v: f64) -> f64 {
@@ -180,14 +181,15 @@ mod tests {
         assert!(candidates.len() >= 2 && price.of(&best) + scope.settings.accept_gain < price.of(&found));
     }
 
-    /// The force of an effect at rest at a displacement, up to that of a linear spring, which a refit absorbs.
+    /// Returns the static force of an effect at a displacement, up to the force of a linear spring, which a refit
+    /// absorbs.
     fn curve(effect: &dyn Effect, setting: &Setting, place: &Place, parameters: &[f64], d: f64) -> f64 {
         let actions = effect.act(setting, place, parameters);
         let [Action::Force(_, law)] = actions.as_slice() else { panic!("{} is a force", effect.name()) };
         law.force(d, 0.0, &[]) - 2.0 * law.force(0.5 * d, 0.0, &[])
     }
 
-    /// A start that follows from another effect has the same curve of the force, on one side at least.
+    /// Starting values that follow from another effect give the same force curve, on one side at least.
     #[test]
     fn a_start_that_follows_is_the_same_curve() {
         let model = testing::truss(1);

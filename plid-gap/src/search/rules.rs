@@ -25,7 +25,7 @@ impl Rules<'_> {
         !self.without.iter().any(|name| name == effect.name())
     }
 
-    /// Returns whether an effect that is observed there may be named at all.
+    /// Returns whether any effect that appears in this kind of observation may be named at all.
     pub fn may_show(&self, library: &Library, observed: Observation) -> bool {
         let excluded = |effect: &dyn Effect| self.exclude.iter().any(|word| word == effect.name());
         let may_be = |effect: &dyn Effect| self.knows(effect) && !excluded(effect);
@@ -77,7 +77,7 @@ fn means(word: &str, placed: &Placed, names: &Names) -> bool {
 /// The effects that a search may name, and its options.
 #[derive(Clone)]
 pub struct Scope<'s, 'a> {
-    /// The effects that it knows.
+    /// The effects that the search knows.
     pub library: &'a Library,
     /// The engineer's prior knowledge.
     pub rules: &'s Rules<'s>,
@@ -94,18 +94,18 @@ pub struct Scope<'s, 'a> {
 }
 
 impl Scope<'_, '_> {
-    /// Returns whether a free run may show this effect at this location.
+    /// Returns whether a free run can show this effect and the rules allow it at this location.
     pub fn allows(&self, placed: &Placed) -> bool {
         !placed.effect.is_stochastic() && self.rules.allow(placed, &self.names)
     }
 
-    /// Returns whether a search may add an effect. A finer law of another effect only takes its place, unless the case
-    /// suspects it.
+    /// Returns whether a search may add an effect. A finer law of another effect may only take the place of that
+    /// effect, unless the case suspects the finer law.
     pub fn admits(&self, placed: &Placed) -> bool {
         self.allows(placed) && (placed.effect.refines().is_none() || self.rules.suspects(placed, &self.names))
     }
 
-    /// Returns the bonus of a suspicion, in twice the log likelihood.
+    /// Returns the bonus for a suspicion, in twice the log likelihood.
     pub fn bonus(&self, placed: &Placed) -> f64 {
         if self.rules.suspects(placed, &self.names) { self.settings.suspect_bonus } else { 0.0 }
     }

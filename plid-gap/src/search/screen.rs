@@ -1,9 +1,9 @@
-//! The score screen: how much each effect, at each location and for each of a few shapes, would explain of the residual
-//! of a bounded refit.
+//! The score screen: the part of a bounded refit's residual that each effect would explain, at each location and for
+//! each of a few shapes.
 //!
-//! Each entry takes one run: the change of the simulation by the effect, whitened, without the part that the refit
-//! could absorb under its prior (a generalised likelihood ratio). Effects that are linear in a size get their best
-//! size.
+//! Each entry takes one run. The change of the simulation by the effect is whitened, and the part that the refit
+//! could absorb under its prior is removed (a generalised likelihood ratio). An effect that is linear in a size gets
+//! its best size.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
@@ -17,17 +17,17 @@ use crate::simulate::Fineness;
 /// An entry of the screen: an effect at a location with its best shape.
 #[derive(Clone)]
 pub struct Entry<'a> {
-    /// The effect with its start for a fit.
+    /// The effect with its starting values for a fit.
     pub placed: Placed<'a>,
     /// Reduction of the sum of squares.
     pub gain: f64,
-    /// Share of the effect's own trace that a refit absorbs.
+    /// Share of the energy of the effect's own trace that a refit absorbs.
     pub absorbed: f64,
-    /// The remaining trace of the effect, whitened and projected, at its best size; its square is its energy.
+    /// Energy (sum of squares) of the remaining trace of the effect, whitened and projected, at its best size.
     pub energy: f64,
     /// The parameters of the run.
     tried: Vec<f64>,
-    /// Factor of the trace at its best size.
+    /// Factor on the trace of the run at the best size.
     size: f64,
 }
 
@@ -67,8 +67,8 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
         })
         .collect();
     let now = Now::new(base);
-    // At the end of a refit the pull is zero: an effect may explain the residual, or the change of linear parameters
-    // that imitates it.
+    // At the end of a refit the gradient is zero: an effect may explain the residual, or the change of the linear
+    // parameters that imitates the effect.
     let left = factor.solve(&problem.gradient(base.jacobian, base.residual, base.eta));
     let mut entries: Vec<Entry> = pairs
         .par_chunks(PROJECTED_TOGETHER)
@@ -115,7 +115,7 @@ fn sizes<'a>(base: &Base, start: &Placed<'a>) -> Vec<Tried<'a>> {
         Action::Force(port, _) => Some(*port),
         _ => None,
     });
-    // The size of a bold one counts as it is; elsewhere the trace at a size is scaled.
+    // On a single mode, a size counts as it is; elsewhere, the trace at a size is scaled.
     let Some((port, scaled)) = port.and_then(|port| match setting.is_on_a_mode(port) {
         true => base.bold.then_some((port, false)),
         false => base.sized.then_some((port, true)),
@@ -134,11 +134,11 @@ fn sizes<'a>(base: &Base, start: &Placed<'a>) -> Vec<Tried<'a>> {
     setting.bold_sizes(port).into_iter().flat_map(|by| signs.iter().map(move |sign| with(by * sign))).collect()
 }
 
-/// Pairs of an effect and a location whose traces are projected together. The derivatives of the linear parameters are
-/// not kept but computed for each product, whatever its number of columns.
+/// Number of pairs of an effect and a location whose traces are projected together. The derivatives by the linear
+/// parameters are not kept but computed anew for each product, whatever its number of columns.
 const PROJECTED_TOGETHER: usize = 4;
 
-/// The projection r - J (J'J + prior)^{-1} J' r of a trace r. It enters all products, so only J'r is needed.
+/// The projection r - J (J'J + prior)^{-1} J' r of a trace r. The projection enters only products, so J'r suffices.
 struct Projected {
     /// r.
     trace: Vec<f64>,
@@ -172,7 +172,8 @@ fn entry<'a>(
     }
     let clear = whole - own.cross.dot(&own.solved);
     let absorbed = 1.0 - clear / whole;
-    // Derivatives show what a refit absorbs, but not a resonance that has moved further than its width.
+    // Derivatives predict the part that a refit absorbs, but not for a resonance that has moved by more than its
+    // width.
     let (energy, product) = if base.bold {
         (whole, dot(&trace, base.residual))
     } else {
@@ -189,8 +190,8 @@ fn entry<'a>(
             *parameter = neutral + size * (*parameter - neutral);
             (size * product, size * size * energy, size)
         }
-        // Over a moderate range of sizes the trace is nearly proportional to the size of a nonlinear effect too, so a
-        // start that is several times too strong does not hide it.
+        // Over a moderate range of sizes, the trace of a nonlinear effect is also nearly proportional to its size, so
+        // a start that is several times too strong does not hide the effect.
         None if scaled => {
             let search = &base.problem.settings.search;
             let size = (product / energy.max(1e-12 * whole)).clamp(search.least_size, search.most_size);
@@ -201,7 +202,7 @@ fn entry<'a>(
     gain.is_finite().then_some(Entry { placed, gain, absorbed, energy, tried, size })
 }
 
-/// Returns the change of the whitened outputs by each entry at its best size, in proportion to its run.
+/// Returns the change of the whitened outputs by each entry at its best size, scaled from its run.
 pub fn traces(base: &Base, entries: &[Entry]) -> Vec<Vec<f64>> {
     let now = Now::new(base);
     let trace = |entry: &Entry| -> Vec<f64> {
@@ -229,7 +230,7 @@ impl Now {
         Self { before_sensors, residual }
     }
 
-    /// Returns the changes of the whitened outputs by further effects. One on the sensors needs no run.
+    /// Returns the changes of the whitened outputs by further effects. An effect on the sensors needs no run.
     pub fn added(&self, base: &Base, tried: &[Tried]) -> Vec<Vec<f64>> {
         let problem = base.problem;
         let more = |tried: &Tried| problem.actions(std::slice::from_ref(&tried.placed));

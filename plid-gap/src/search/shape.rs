@@ -1,5 +1,5 @@
-//! Free shapes: each effect of an explanation that does not suffice is fitted with its free shape, to see whether the
-//! location is right.
+//! Free shapes: if an explanation does not suffice, each of its effects is fitted with its free shape, to check
+//! whether the location is right.
 
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use crate::simulate::Fineness;
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 const WHOLE: Effort = Effort { steps: 10, gain: 0.5, fineness: Fineness::FINE };
 
-/// A fit with the shape of one effect set free.
+/// A fit in which the shape of one effect is free.
 pub struct FreeShapeFit<'a> {
     /// The fit; its last effect is the free shape.
     pub fit: Fit<'a>,
@@ -18,9 +18,9 @@ pub struct FreeShapeFit<'a> {
     pub which: usize,
 }
 
-/// Returns an explanation with fewer effects, one of them with another shape, that explains as much as several. Two
-/// effects at one location may be one with another shape, and an effect may only compensate for a law that does not
-/// quite fit. The result is the fit of the fewer effects and the fit with the free shape.
+/// Returns an explanation with fewer effects, one of them with a free shape, that explains as much as all of them.
+/// Two effects at one location may be one effect with another shape, and an effect may only compensate for a law that
+/// does not quite fit. The result is the fit of the fewer effects and the fit with the free shape.
 pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(Fit<'a>, FreeShapeFit<'a>)> {
     if best.effects.len() < 2 {
         return None;
@@ -31,7 +31,7 @@ pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(
     let fits = subsets(&best.effects).into_iter().filter_map(|effects| {
         let alone = quick.fit(&jacobian, &best.eta, &effects, QUICK);
         let free = freed(quick, &jacobian, &alone)?;
-        // The first samples distinguish them less well.
+        // The first samples distinguish the explanations less well than whole records do.
         if free.fit.cost > own.cost + slack(problem) {
             return None;
         }
@@ -62,10 +62,10 @@ fn subsets<'a>(effects: &[Placed<'a>]) -> Vec<Vec<Placed<'a>>> {
     all
 }
 
-/// Returns the best of all fits with one free shape each, together with its effect or in its place; `None` if no effect
-/// has a shape, or if no free shape gains on the first samples.
+/// Returns the best of all fits with one free shape each, together with its effect or in its place; `None` if no
+/// effect has a free shape, or if none gains enough on the first samples.
 pub fn free_shape<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<FreeShapeFit<'a>> {
-    // Derivatives take seconds.
+    // The derivatives take seconds to compute.
     if siblings(&best.effects).is_empty() {
         return None;
     }
@@ -99,9 +99,10 @@ fn on_whole<'a>(problem: &Problem, free: FreeShapeFit<'a>) -> FreeShapeFit<'a> {
     FreeShapeFit { fit: problem.fit(&jacobian, &free.fit.eta, &free.fit.effects, WHOLE), ..free }
 }
 
-/// Returns, for each effect with a free shape, its number, the free shape, and whether that replaces the effect.
+/// Returns, for each effect with a free shape, its number, the free shape, and whether this shape replaces the
+/// effect.
 fn siblings(effects: &[Placed]) -> Vec<(usize, &'static Flexible, bool)> {
-    // Inside a loop, the path of the command is not free.
+    // Inside a loop, the path of the command has no free shape.
     let outside = |(_, placed): &(usize, &Placed)| !matches!(placed.place, Place::Loop(_));
     let shaped = effects.iter().enumerate().filter(outside).filter_map(|(k, e)| Some((k, e.effect.free_shape()?)));
     shaped
@@ -112,7 +113,7 @@ fn siblings(effects: &[Placed]) -> Vec<(usize, &'static Flexible, bool)> {
         .collect()
 }
 
-/// Returns the best fit on the first samples.
+/// Returns the best fit with a free shape on the first samples, if it gains enough.
 fn freed<'a>(quick: &Problem, jacobian: &Jacobian, own: &Fit<'a>) -> Option<FreeShapeFit<'a>> {
     let fits: Vec<FreeShapeFit> = siblings(&own.effects)
         .into_par_iter()

@@ -13,26 +13,26 @@ use crate::search::screen::{Base, Entry, screen};
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
 
-/// Quick fits of the search.
+/// Effort of the quick fits of the search.
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 
-/// Fits of the windows' initial states.
+/// Effort of the fits of the windows' initial states.
 const BEGIN: Effort = Effort { steps: 3, gain: 1.0, fineness: Fineness::COARSE };
 
-/// Fits of the result.
+/// Effort of the fits of the result.
 const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
 /// One stage of the search: the screen for a further effect, quick fits of its first entries, and whole fits of the
-/// best of these. No entry and no fit depends on which other entries there are, so a search that knows fewer effects
-/// can use the same ones.
+/// best of these. No entry and no fit depends on the other entries, so a search that knows fewer effects can use the
+/// same entries and fits.
 pub struct SearchStage<'a> {
     pub(super) from: Start<'a>,
     entries: Vec<Entry<'a>>,
     /// Number of entries that are fitted, and number of these that are fitted to whole records.
     counts: [usize; 2],
-    /// Gain of the quick fit of the effect that those of this stage are to replace, if there is one.
+    /// Gain of the quick fit with the effect that the effects of this stage are to replace, if there is one.
     incumbent: Option<f64>,
-    /// Fits to the first samples by number of the entry; `None` if the fit is not sound.
+    /// Fits to the first samples, with the number of the entry; `None` if the fit is not sound.
     quick: Numbered<'a>,
     /// Fits to whole records.
     whole: Numbered<'a>,
@@ -63,7 +63,7 @@ impl<'a> SearchStage<'a> {
         searched
     }
 
-    /// Adds entries and whole fits of effects that are neither present nor left out.
+    /// Returns the entries and the fits to whole records of those effects that are neither present nor left out.
     pub(super) fn without(
         &self,
         problem: &Problem,
@@ -77,11 +77,13 @@ impl<'a> SearchStage<'a> {
         (entries, whole.into_iter().filter_map(|(_, fit)| fit).collect())
     }
 
-    /// Fits the first of these entries to the first samples and to whole records. Known fits are not repeated.
+    /// Fits the first of these entries to the first samples, and the best of these fits to whole records. Known fits
+    /// are not repeated.
     fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
         let [fitted, polished] = self.counts;
-        // The trace of a load says little where it moves a resonance by more than its width, and that of a contact that
-        // happens at another time. A plant of few parameters has few of both, and all of them are fitted.
+        // The trace of a load says little if the load moves a resonance by more than its width, and so does the trace
+        // of a contact that occurs at another time. A plant with few parameters has few loads and contacts, and all
+        // of them are fitted.
         let always = |k: usize| {
             let effect = self.entries[k].placed.effect;
             quick.has_numbers() && (effect.is_number() || effect.is_contact())
@@ -100,8 +102,9 @@ impl<'a> SearchStage<'a> {
             })
             .collect();
         let heads = self.further(quick, heads, 2 * polished, price);
-        // A fit that has not reached its minimum may still lead back to sound parameters. The effects that were there
-        // before are judged by the fit to whole records alone: few samples may not determine them.
+        // The parameters are checked only now, because a fit that has not reached its minimum may still lead back to
+        // sound ones. Effects that were present before are judged by the fit to whole records alone: few samples may
+        // not determine them.
         let added = self.from.effects.len();
         let is_sound = |fit: &Fit| fit.cost.is_finite() && are_sound(quick, &fit.effects[added..]);
         let sound = |(k, fit): (usize, Option<Fit<'a>>)| (k, fit.filter(is_sound));
@@ -127,7 +130,7 @@ impl<'a> SearchStage<'a> {
     }
 
     /// Continues the best quick fits that have not yet reached their minimum, if the linear parameters are few: the
-    /// best with sound parameters, and the best without.
+    /// best ones with sound parameters, and the best ones without.
     fn further(&self, quick: &Problem, heads: Numbered<'a>, most: usize, price: &Price) -> Numbered<'a> {
         if !quick.few() {
             return heads;
@@ -146,7 +149,7 @@ impl<'a> SearchStage<'a> {
     }
 }
 
-/// Returns the fit of an entry, if there is one.
+/// Returns the known fit of an entry, if there is one.
 fn known<'f, 'a>(fits: &'f Numbered<'a>, k: usize) -> Option<&'f Option<Fit<'a>>> {
     fits.iter().find(|(n, _)| *n == k).map(|(_, fit)| fit)
 }
@@ -158,14 +161,14 @@ fn ranked<'f, 'a>(fits: &'f Numbered<'a>, price: &Price) -> Vec<(usize, &'f Fit<
     best
 }
 
-/// Returns the fit if its cost is finite and its parameters are within the meaning of the effects' names.
+/// Returns the fit if its cost is finite and its parameters are consistent with the effects' names.
 pub(super) fn whether_sound<'a>(problem: &Problem, fit: Fit<'a>) -> Option<Fit<'a>> {
     (fit.cost.is_finite() && are_sound(problem, &fit.effects)).then_some(fit)
 }
 
-/// A linear model from which a stage starts. Parameters far outside their prior are brought back, because they may be
-/// the trace of an effect. With an effect in place, few parameters are left where they are: accurate derivatives lead
-/// them back.
+/// The linear model from which a stage starts. Parameters far outside their prior are brought back, because they may
+/// be the trace of an effect. If an effect is in place and the parameters are few, they are left where they are:
+/// accurate derivatives lead them back.
 pub(super) struct Start<'a> {
     effects: Vec<Placed<'a>>,
     eta: Vec<f64>,
@@ -190,8 +193,9 @@ impl<'a> Start<'a> {
         Self { effects: fit.effects.clone(), eta, plant, jacobian, residual, cost }
     }
 
-    /// Fits the first samples with these effects. Where a load and the poles that it moves look alike, a refit has left
-    /// the linear parameters in a long, curved valley, and a fit that starts from zero enters it near its minimum.
+    /// Fits the first samples with these effects. If a load and the poles that it moves have similar traces, a refit
+    /// has left the linear parameters in a long, curved valley, and a fit that starts from zero enters this valley
+    /// near its minimum.
     fn fitted(&self, quick: &Problem, effects: &[Placed<'a>]) -> Fit<'a> {
         let fit = |eta: &[f64]| quick.fit(&self.jacobian, eta, effects, QUICK);
         let near = fit(&self.eta);
@@ -216,15 +220,15 @@ impl<'a> Start<'a> {
     }
 }
 
-/// Returns whether an effect is a contact whose displacement no output measures. It could be anywhere, and a stop near
-/// rest resembles a stiffening spring, so it is not tried unless the case suspects it.
+/// Returns whether an effect is a contact whose displacement no output measures. Such a contact could be at any
+/// displacement, and a stop near rest resembles a stiffening spring, so it is not tried unless the case suspects it.
 pub(super) fn is_blind(problem: &Problem, scope: &Scope, placed: &Placed) -> bool {
     placed.effect.is_contact()
         && problem.setting.d_range[problem.setting.port(&placed.place)].is_none()
         && !scope.rules.suspects(placed, &scope.names)
 }
 
-/// Returns whether the parameters are within the meaning of the effects' names.
+/// Returns whether the parameters are consistent with the effects' names.
 fn are_sound(problem: &Problem, effects: &[Placed]) -> bool {
     effects.iter().all(|placed| placed.effect.sound(&problem.setting, &placed.place, &placed.parameters))
 }
@@ -240,7 +244,7 @@ pub(super) fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit
     Fit { residual, cost, ..fit }
 }
 
-/// Returns the same fit with fine steps and derivatives at its own linear model.
+/// Continues a fit with fine steps and with derivatives at its own linear model.
 pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
     let jacobian = problem.jacobian(&plant);

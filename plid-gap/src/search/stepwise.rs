@@ -22,9 +22,9 @@ use crate::words::gain;
 
 /// The result of the search.
 pub struct Search<'a> {
-    /// The best explanation, fitted finely; without effects the refit itself.
+    /// The best explanation, fitted finely; if it has no effects, the refit itself.
     pub best: Fit<'a>,
-    /// All explanations that were fitted, the best first, including that of no effect.
+    /// All explanations that were fitted, the best first, including the one without effects.
     pub candidates: Vec<Candidate<'a>>,
     /// The screen of each stage.
     pub stages: Vec<Vec<Entry<'a>>>,
@@ -33,7 +33,7 @@ pub struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// Adds explanations of another search of the same records; of each, the fit that explains more is kept.
+    /// Adds the explanations of another search of the same records; of equal explanations, the better fit is kept.
     pub fn add(&mut self, candidates: Vec<Candidate<'a>>) {
         self.candidates.extend(candidates);
         self.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
@@ -56,8 +56,8 @@ impl<'a> Search<'a> {
         self.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
     }
 
-    /// Replaces the best explanation by one with fewer effects that explains as much with a free shape. It takes the
-    /// rank of the best explanation.
+    /// Replaces the best explanation by one with fewer effects that explains as much with a free shape. The new
+    /// explanation takes the rank of the former one.
     pub fn settle(&mut self, fewer: Fit<'a>, cost: f64) {
         let first = self.candidates.first().map_or(cost, |candidate| candidate.priced);
         let old = std::mem::replace(&mut self.best, fewer);
@@ -77,19 +77,20 @@ impl<'a> Search<'a> {
     }
 }
 
-/// What a search begins with.
+/// The starting point of a search.
 pub(super) struct Begin<'s, 'a> {
     /// The linear model without effects.
     pub refit: &'s Refit,
-    /// The noise, if the quick fits are to windows of the records. As soon as an explanation follows the first samples,
-    /// they are to these again, weighed by this noise: the windows' initial states hide what is left.
+    /// The noise, if the quick fits use windows of the records. As soon as an explanation follows the first samples,
+    /// the quick fits use these again, weighted by this noise, because the windows' initial states hide the remaining
+    /// residual.
     pub windows: Option<&'s NoiseModel>,
     /// An explanation that was found in weaker records.
     pub below: Option<Fit<'a>>,
 }
 
-/// Searches for up to `most_effects` effects: on `quick` (the first samples of the records), then with the best few on
-/// `problem`. `first` is the first stage; it is filled if it is empty. `say` is called with the progress.
+/// Searches for up to `most_effects` effects: on `quick` (the first samples or windows of the records), then with the
+/// best few on `problem`. `first` is the first stage; it is filled if it is empty. `say` is called with the progress.
 pub(super) fn search<'a>(
     problem: &mut Problem,
     quick: &mut Problem,
@@ -102,7 +103,7 @@ pub(super) fn search<'a>(
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
     let mut overlap = None;
-    // One effect may imitate two others better than each of these does alone.
+    // One effect may imitate two others better than either of these can alone.
     let mut runners_up: Vec<Fit> = Vec::new();
     let (mut best, mut gains) = begun([problem, quick], refit, below, &price, &mut candidates, say);
     for stage in best.effects.len()..settings.most_effects {
@@ -132,7 +133,7 @@ pub(super) fn search<'a>(
         let gain = price.of(&best) - price.of(&top);
         let material = scope.skips(Step::Material) || material(problem, scope, &best, &top);
         let accepted = gain > settings.accept_gain && material;
-        // The best explanation with a further effect that was not accepted is not another explanation.
+        // The best explanation with a further effect that was not accepted does not count as another explanation.
         if accepted || best.effects.is_empty() {
             candidates.extend(tried);
         }
@@ -149,7 +150,7 @@ pub(super) fn search<'a>(
         }
     }
     best = refined(problem, quick, best, &price, &mut candidates);
-    // An effect that was not accepted must rank behind no effect, whatever its price.
+    // An effect that was not accepted must rank behind the explanation without effects, whatever its price.
     if best.effects.is_empty() {
         let least = best.cost + settings.not_accepted_price;
         candidates.iter_mut().filter(|c| !c.effects.is_empty()).for_each(|c| c.priced = c.priced.max(least));
@@ -158,8 +159,8 @@ pub(super) fn search<'a>(
     Search { best, candidates, stages, overlap }
 }
 
-/// Returns the explanation with which a search begins, and what each of its effects gained when it was added: no
-/// effect, a linear cause, or what was found in weaker records.
+/// Returns the explanation with which a search begins, and the gain of each of its effects when it was added. The
+/// explanation has no effects, is a linear cause or a law in its place, or was found in weaker records.
 fn begun<'a>(
     [problem, quick]: [&Problem; 2],
     refit: &Refit,
@@ -174,7 +175,8 @@ fn begun<'a>(
             return (law.clone(), vec![price.of(&best) - price.of(&law)]);
         }
         best = top;
-        // What speaks for it is how it changes the linear parameters, which the gains of other effects do not show.
+        // The evidence for the cause is the change of the linear parameters, which the gains of other effects do not
+        // contain.
         gains.push(f64::INFINITY);
     }
     if let Some(below) = below.filter(|below| price.of(below) < price.of(&best)) {
@@ -185,8 +187,8 @@ fn begun<'a>(
     (best, gains)
 }
 
-/// Tries related effects in the place of the one that was added to an explanation, fits the ports' scales with it, and
-/// reconsiders its effects. `gains` are those of the effects, the last of which was added.
+/// Tries related effects in place of the one that was added to an explanation, fits the scales of the ports, and
+/// reconsiders the effects. `gains` are the gains of the effects, the last of which was added.
 fn completed<'a>(
     problem: &mut Problem,
     quick: &mut Problem,
@@ -198,7 +200,7 @@ fn completed<'a>(
     let (scope, top) = (price.scope, related(problem, top, price, candidates));
     let entered = top.cost;
     let best = if scope.skips(Step::PortScales) { top } else { fit_ports(problem, quick, top) };
-    // With other scales of the ports it explains more than when it was entered.
+    // With other scales of the ports, the explanation may fit better than when it was entered.
     candidates.push(price.candidate(&best));
     if best.effects.len() < 2 || scope.skips(Step::Questioning) {
         return best;
@@ -207,8 +209,8 @@ fn completed<'a>(
     question(problem, quick, best, &latest, gains, price, candidates)
 }
 
-/// Returns the fit of a linear cause that a refit has spread over its parameters, if the simulation is imperfect and
-/// the cause gains enough.
+/// Returns the fit of a linear cause that the refit has spread over its parameters, if the simulation is imperfect
+/// and the cause gains enough.
 fn start<'a>(
     problem: &Problem,
     refit: &Refit,
@@ -233,8 +235,8 @@ fn start<'a>(
     Some(top)
 }
 
-/// Returns the best fit with a nonlinear law at the place of a linear cause inside the structure, if it explains more:
-/// a damper accounts for most of what a refit has made of friction.
+/// Returns the best fit with a nonlinear law at the place of a linear cause inside the structure, if the law explains
+/// more: a damper accounts for most of the changes by which a refit imitates friction.
 fn in_its_place<'a>(
     [problem, quick]: [&Problem; 2],
     refit: &Refit,
@@ -264,9 +266,9 @@ fn in_its_place<'a>(
     Some(law)
 }
 
-/// Returns the entries and fits of a stage. If the best of them adds a change over time that does not change within the
-/// records, it is set aside, and the others are fitted in its place. With further effects in the explanation it may
-/// turn out to change, so a later stage tries it again.
+/// Returns the entries and fits of a stage. If the best fit adds a change over time that is constant within the
+/// records, this change is set aside, and other entries are fitted in its place. With further effects in the
+/// explanation, the change may turn out to vary within the records, so a later stage tries it again.
 fn standing<'a>(
     searched: &SearchStage<'a>,
     [problem, quick]: [&Problem; 2],
@@ -312,8 +314,8 @@ fn after<'a>(
     fits
 }
 
-/// Fits a further time without the last effect, from where the fit with it ended, and returns the better one of this
-/// and the best explanation. The gain by the linear parameters alone is not a gain of the effect.
+/// Fits once more without the last effect, from the end of the fit with it, and returns the better of this fit and
+/// the best explanation. A gain by the linear parameters alone is not a gain of the effect.
 fn without_last<'a>(
     problem: &Problem,
     best: Fit<'a>,
@@ -338,7 +340,7 @@ fn followed(problem: &Problem, fit: &Fit, noise: &NoiseModel) -> Option<Problem>
     follows(&head, &fit.eta, &fit.effects).then_some(head)
 }
 
-/// Fits the best explanation a further time, and returns the better fit.
+/// Fits the best explanation once more, and returns the better fit.
 fn further<'a>(
     problem: &Problem,
     best: Fit<'a>,
@@ -353,9 +355,9 @@ fn further<'a>(
     further
 }
 
-/// Adds parameters of the simulation, such as a gain or a frequency, that the refit changed beyond its other changes.
-/// Each is added to the best explanation if that brings the linear parameters sufficiently close to their prior,
-/// whatever else was found.
+/// Adds numbers of the simulation, such as a gain or a frequency, that account for large changes of the linear
+/// parameters. Each is added to the best explanation if it brings the linear parameters sufficiently close to their
+/// prior, whatever else was found.
 pub fn straighten<'a>(
     problem: &Problem,
     quick: &Problem,
@@ -369,14 +371,14 @@ pub fn straighten<'a>(
         let there = |placed: &Placed| {
             !placed.effect.is_number() || best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed)
         };
-        // The model is linear in these parameters, so the quick fits rank them well.
+        // The model is linear in these numbers, so the quick fits rank them well.
         let counts = [settings.fitted / 2, settings.polished / 2];
         let searched = SearchStage::new(problem, quick, best, None, &there, &price, counts);
         let (entries, mut fits) = searched.without(problem, quick, &there, &price);
         let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &best.eta));
         fits.extend(linear_cause::fits(problem, best, &jacobian, scope));
         say(progress(best.effects.len() + 1, &entries, &fits, &price, &problem.setting.names));
-        // A damper may close more of the residual than the gain that explains the changes.
+        // A damper may remove more of the residual than the gain that explains the changes of the linear parameters.
         let explains = |fit: &Fit| {
             price.of(best) - price.of(fit) >= settings.accept_gain && straightens(problem, scope, best, fit)
         };
@@ -388,8 +390,8 @@ pub fn straighten<'a>(
     }
 }
 
-/// States the number of entries of a stage, the gains of the first of them, and by how much each fit is behind the
-/// best.
+/// Returns a line on a stage: the number of entries, the gains of the first of them, and the distance of each fit
+/// from the best.
 fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names: &Names) -> String {
     let one = |placed: &Placed, figure: f64| {
         format!("{} at {} ({})", placed.effect.name(), placed.place.location(names), gain(figure))
@@ -411,7 +413,8 @@ mod tests {
     use crate::search::rules::Rules;
     use crate::testing::laws::{at, prepared, without};
 
-    /// Where friction acts, it takes the place of a linear damper that accounts for most of it. A damper stays one.
+    /// If friction acts, it takes the place of a linear damper that accounts for most of it. A damper that acts is
+    /// kept.
     #[test]
     fn friction_takes_the_place_of_a_damper() {
         let library = Library::standard();
@@ -437,7 +440,7 @@ mod tests {
         }
     }
 
-    /// A gain of 1.04 is added although a damper, which changes no linear parameter, closes more of the residual.
+    /// A gain of 1.04 is added although a damper, which changes no linear parameter, removes more of the residual.
     #[test]
     fn a_gain_that_straightens_is_added_beside_a_damper() {
         let library = Library::standard();

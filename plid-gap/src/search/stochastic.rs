@@ -46,8 +46,9 @@ pub fn stochastic_effects<'a>(ready: &Prepared, library: &'a Library) -> Vec<Sto
             );
         }
     }
-    // A sensor is noisy only in comparison with its declaration. If resonances are driven, it must also be noisy where
-    // these do not leak, and by more than the skirts of the driving force, of which the fit of its band says little.
+    // A sensor counts as noisy only relative to its declared noise. If a force in a band drives resonances, the
+    // sensor must also be noisy without their leakage, and by more than the skirts of this force, which the fit of
+    // its band hardly determines.
     if ready.declares {
         let search = &ready.problem.settings.search;
         let of = |noise: &NoiseModel| noisy(noise, &ready.declared_sensor, &ready.quantisation, search);
@@ -60,7 +61,7 @@ pub fn stochastic_effects<'a>(ready: &Prepared, library: &'a Library) -> Vec<Sto
     }
     for line in &ready.wandering {
         let place = Place::Frequency(line.hz, line.port);
-        // How far its phase and amplitude wander is unknown.
+        // The extent to which the phase and the amplitude of the line wander is unknown.
         let std = [f64::INFINITY; 3];
         put(&|effect| effect.name() == line.effect, place, &[line.amplitude, line.hz, 0.0], &std, line.gain);
     }
@@ -70,15 +71,15 @@ pub fn stochastic_effects<'a>(ready: &Prepared, library: &'a Library) -> Vec<Sto
     found
 }
 
-/// Fits the noise under a taper. Adjacent bins are then correlated and evidence counts double, but it only has to
-/// confirm the evidence without a taper.
+/// Fits the noise to tapered data. Adjacent bins are then correlated and evidence is counted twice, but this fit only
+/// has to confirm the evidence without a taper.
 fn without_leakage(ready: &Prepared) -> NoiseModel {
     let tapered: Vec<Stretch> = ready.quiet.iter().map(Stretch::tapered).collect();
     ready.declared.fit_beside(&tapered, ready.coloured.iter().map(Coloured::source))
 }
 
-/// Returns the sensors whose noise exceeds what is common to all: number, additional standard deviation and its
-/// uncertainty, evidence.
+/// Returns the sensors whose noise exceeds the part that is common to all: the number of each, its additional
+/// standard deviation with the uncertainty, and the evidence.
 fn noisy(
     noise: &NoiseModel,
     declared: &[f64],
@@ -95,7 +96,7 @@ fn noisy(
         let mut others: Vec<f64> =
             (0..ratios.len()).filter(|&j| j != o && !quantisation[j].coarse).map(|j| ratios[j]).collect();
         others.sort_by(f64::total_cmp);
-        // The least noisy other channel shows what is common.
+        // The least noisy of the other channels gives the common part.
         let common = others.first().copied().unwrap_or(search.misjudged * search.misjudged).max(search.least_common);
         let excess = ratios[o] / common;
         let gain = 2.0 * noise.bins as f64 * (excess - 1.0 - excess.ln());
@@ -110,7 +111,8 @@ fn noisy(
     found
 }
 
-/// Returns the narrowband disturbance whose line a band is about, if one is named: the line's phase then wanders.
+/// Returns the index of the narrowband disturbance near whose frequency a band lies, if such a disturbance is named:
+/// the phase of this line then wanders.
 pub fn wandering(band: &Placed, effects: &[Placed], near_line: f64) -> Option<usize> {
     let Place::Frequency(hz, _) = band.place else { return None };
     let line = |placed: &Placed| match placed.place {
@@ -125,7 +127,7 @@ pub fn wanders(shown: &Placed) -> bool {
     shown.effect.phase().is_some()
 }
 
-/// Returns whether it is a converter that truncates instead of rounding.
+/// Returns whether an effect is a converter that truncates instead of rounding.
 pub fn cuts(placed: &Placed) -> bool {
     placed.effect.observed_in() == Observation::Quantisation && placed.parameters.get(1).is_some_and(|cut| *cut > 0.0)
 }
@@ -174,7 +176,7 @@ mod tests {
         }
     }
 
-    /// An effect is found by where it can be observed, whatever its name.
+    /// An effect is selected by the kind of observation in which it appears, whatever its name.
     #[test]
     fn an_effect_of_ones_own_is_found_in_raw_values() {
         let case = testing::case(&testing::truss(1), &testing::truss(1));
@@ -189,7 +191,7 @@ mod tests {
         assert!(own.get("hiccup").unwrap().is_stochastic() && !Effect::is_number(&Hiccup));
     }
 
-    /// Each free shape belongs to at least one effect, and each effect with a shape acts on the side of its free shape.
+    /// Twenty effects have a free shape, and each of them acts on the side of its free shape.
     #[test]
     fn free_shapes_fit_their_effects() {
         let library = Library::standard();

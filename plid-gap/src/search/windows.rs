@@ -22,8 +22,9 @@ pub struct Windows {
 
 impl Windows {
     /// Chooses the windows; `None` if the free runs of the refit follow all records. A simulation with many linear
-    /// parameters has none, because too few windows with that many initial states could be afforded. They would hold
-    /// too little of the records, and effects with a memory, such as delays, would suffer at their ends.
+    /// parameters has no windows: with so many initial states, only a few windows would be affordable. They would
+    /// contain too little of the records, and effects with a memory, such as delays, would be distorted at their
+    /// ends.
     pub fn choose(problem: &Problem, refitted: &Refit) -> Option<Self> {
         let settings = &problem.settings.search;
         if problem.nuisance.of_simulation() > settings.strong_parameters {
@@ -50,7 +51,7 @@ pub fn follows(problem: &Problem, eta: &[f64], effects: &[Placed]) -> bool {
     driven.all(|(record, simulated)| gap(record, simulated) < problem.settings.search.windows_gap)
 }
 
-/// The largest relative RMS error of an output.
+/// Returns the largest relative RMS error of an output.
 fn gap(record: &Record, simulated: &[Vec<f64>]) -> f64 {
     let error = record.error(simulated);
     let relative = |(error, y): (&Vec<f64>, &Vec<f64>)| {
@@ -59,8 +60,8 @@ fn gap(record: &Record, simulated: &[Vec<f64>]) -> f64 {
     error.iter().zip(&record.y).map(relative).fold(0.0, f64::max)
 }
 
-/// The frequency below which half of the power of all channels lies, in cycles per sample. The mean of a channel does
-/// not count.
+/// Returns the frequency below which half of the power of all channels lies, in cycles per sample. The mean of a
+/// channel does not count.
 fn median_frequency(y: &Channels) -> f64 {
     let samples = y.first().map_or(1, Vec::len);
     let mut power = vec![0.0; samples / 2 + 1];

@@ -10,16 +10,16 @@ group! {
         /// Gap with the effects, over the noise, above which the answer states that a share of the output remains
         /// unexplained.
         unexplained: f64 = 1.1, "1", 1.0..=1e6;
-        /// Gap as given, over the noise, below which the gap is noise.
+        /// Gap as given, over the noise, below which the gap counts as noise.
         noise_only: f64 = 1.1, "1", 1.0..=1e6;
-        /// Share of the gap that a linear refit must close for the report to say that it hides the gap.
+        /// Share of the gap that a linear refit must close for the report to say that the refit hides the gap.
         hidden_by_refit: f64 = 0.5, "1", 0.0..=1.0;
-        /// Share of the gap from which a band is listed among those with the largest shares.
+        /// Share of the gap above which a band is listed among those with the largest shares.
         listed_band: f64 = 0.02, "1", 0.0..=1.0;
-        /// Slope of the logarithm of the gap over that of the level from which the report says that the gap grows, or
+        /// Slope of the logarithm of the gap over that of the level above which the report says that the gap grows, or
         /// falls, with the level: halfway between a constant gap and one that is proportional to the level.
         level_slope: f64 = 0.5, "1", 0.0..=10.0;
-        /// Probability by which a family must be more certain than the effect for sentences to name the family.
+        /// Lead in probability that a family must have over the effect for sentences to name the family.
         family_lead: f64 = 0.1, "1", 0.0..=1.0;
     }
 }

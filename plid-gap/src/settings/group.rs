@@ -18,7 +18,7 @@ pub struct Field {
     pub about: &'static str,
 }
 
-/// A value of a setting as a number.
+/// The type of a setting's value, which can be converted to a number.
 pub(super) trait Number: Copy {
     fn number(self) -> f64;
 }
@@ -35,8 +35,8 @@ impl Number for usize {
     }
 }
 
-/// Declares a group. After the doc comment of each setting stands `key: type = default, "unit", range;`. A setting that
-/// had another key in earlier answers names it in between: `#[serde(alias = "...")]`.
+/// Declares a group. Each setting is a doc comment followed by `key: type = default, "unit", range;`. A setting that
+/// had another key in earlier answers names that key between the two: `#[serde(alias = "...")]`.
 macro_rules! group {
     (
         $(#[doc = $group:literal])+
@@ -62,7 +62,7 @@ macro_rules! group {
         }
 
         impl $name {
-            /// Returns its settings in order.
+            /// Returns the settings of the group in order.
             pub fn fields(&self) -> Vec<$crate::settings::Field> {
                 vec![$(
                     $crate::settings::Field {

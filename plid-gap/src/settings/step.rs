@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Step {
-    /// The audit searches for crossed, negated, delayed or clipped channels and other units. Off: it does not. Records
-    /// that cannot be used are still refused.
+    /// The audit searches for channels that are exchanged, negated, delayed, clipped or in other units. Off: it does
+    /// not. Records that cannot be used are still refused.
     Audit,
-    /// The noise is fitted to the stretches that no command explains. Off: it is as declared, or a share of each
-    /// output, and nothing is found in quiet records.
+    /// The noise is fitted to the stretches that no command explains. Off: the noise is as declared, or a share of each
+    /// output, and no effect is found in quiet records.
     NoiseFit,
     /// Linear parameters far outside their prior are brought back before a search. Off: the search starts from the
     /// refit as it is.
@@ -24,7 +24,7 @@ pub enum Step {
     /// Each of several effects must justify itself in the presence of the others. Off: an effect that was accepted
     /// stays.
     Questioning,
-    /// The scales of the modes at inferred ports are fitted. Off: they rest on reciprocity.
+    /// The scales of the modes at inferred ports are fitted. Off: they follow from reciprocity alone.
     PortScales,
     /// An effect must explain a material part of the residual, or bring the linear parameters back to their prior. Off:
     /// its price alone decides.
@@ -44,8 +44,8 @@ pub enum Step {
     ModalPlaces,
     /// Held-out records can refute an explanation. Off: they only measure it.
     HeldOutVeto,
-    /// Probability is spread more widely than in the textbook, and more so if the best explanation leaves much. Off: it
-    /// is as in the textbook.
+    /// Probability is spread more widely than in the textbook, and more so if the best explanation leaves a large
+    /// residual. Off: probability is spread as in the textbook.
     Temperature,
     /// The noise is fitted again to the residual of the explanation in quiet records. Off: it stays as it was first
     /// fitted.
@@ -53,7 +53,7 @@ pub enum Step {
 }
 
 impl Step {
-    /// All steps, in the order in which a diagnosis comes to them.
+    /// All steps, in the order in which a diagnosis reaches them.
     pub const ALL: [Self; 16] = [
         Self::Audit,
         Self::NoiseFit,

@@ -1,4 +1,4 @@
-//! Signal processing. It knows records and the plant, but neither effects nor fits.
+//! Signal processing. These modules use records and the plant, but neither effects nor fits.
 
 pub(crate) mod notch;
 pub(crate) mod peaks;

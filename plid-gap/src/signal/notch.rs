@@ -1,5 +1,5 @@
 //! Removal of a line whose phase wanders: everything that a slowly modulated sine can contribute to a record is removed
-//! from the record.
+//! from it.
 
 use std::f64::consts::TAU;
 
@@ -9,14 +9,14 @@ use crate::case::record::Channels;
 use crate::plant::{Mode, Plant};
 use plid_fourier::C;
 
-/// Distance in s between the nodes of the modulation, which is linear between them. Of a line whose phase walks by one
-/// radian in a second, a hundredth of the power remains.
+/// Distance in s between the nodes of the modulation, which is linear between them. If the phase of a line wanders by
+/// one radian in a second, a hundredth of the line's power remains.
 const SPACING_S: f64 = 0.1;
 
-/// Distance in Hz from the line within which nothing remains. Fits to such a residual leave out these frequencies.
+/// Distance in Hz from the line within which nothing remains. Fits to such a residual leave these frequencies out.
 pub const HOLE_HZ: f64 = 0.6 / SPACING_S;
 
-/// Returns cosine and sine at a frequency, each modulated by adjacent hat functions: samples x columns.
+/// Returns the cosine and the sine at a frequency, each modulated by adjacent hat functions: samples x columns.
 pub fn modulated(samples: usize, rate: f64, hz: f64) -> DMatrix<f64> {
     let duration = (samples.max(2) - 1) as f64 / rate;
     let pieces = (duration / SPACING_S).ceil().max(1.0);
@@ -24,15 +24,15 @@ pub fn modulated(samples: usize, rate: f64, hz: f64) -> DMatrix<f64> {
     DMatrix::from_fn(samples, 2 * (pieces as usize + 1), |k, j| piece(j, spacing, hz, k as f64 / rate))
 }
 
-/// Returns the cosine (even j) or the sine at a frequency under hat function j / 2.
+/// Returns the cosine (even j) or the sine (odd j) at a frequency under hat function j / 2.
 fn piece(j: usize, spacing: f64, hz: f64, t: f64) -> f64 {
     let hat = (1.0 - (t / spacing - (j / 2) as f64).abs()).max(0.0);
     let phase = TAU * hz * t;
     hat * if j.is_multiple_of(2) { phase.cos() } else { phase.sin() }
 }
 
-/// Returns the free decays of all modes, as cosine and sine: p channels each. None in closed loop, where no mode decays
-/// by itself.
+/// Returns the free decays of all modes, as cosine and sine: p channels each. There are none in closed loop, where no
+/// mode decays by itself.
 pub fn decays(plant: &Plant, samples: usize) -> Vec<Channels> {
     let decay = |mode: &Mode, phase: C| -> Channels {
         let turn = (mode.pole / plant.rate).exp();
@@ -43,7 +43,7 @@ pub fn decays(plant: &Plant, samples: usize) -> Vec<Channels> {
     modes.iter().flat_map(|mode| [decay(mode, C::ONE), decay(mode, C::I)]).collect()
 }
 
-/// Returns the channels without such a line and without free decays.
+/// Returns the channels without a modulated line at this frequency and without free decays.
 pub fn without_both(y: &[Vec<f64>], plant: &Plant, hz: f64) -> Vec<Vec<f64>> {
     let left = without(y, plant.rate, hz);
     let samples = y.first().map_or(0, Vec::len);
@@ -55,7 +55,7 @@ pub fn without_both(y: &[Vec<f64>], plant: &Plant, hz: f64) -> Vec<Vec<f64>> {
     left.as_slice().chunks(samples.max(1)).map(<[f64]>::to_vec).collect()
 }
 
-/// Returns the channels without such a line, by least squares.
+/// Returns the channels without a modulated line at this frequency, which is fitted by least squares.
 pub fn without(y: &[Vec<f64>], rate: f64, hz: f64) -> Vec<Vec<f64>> {
     let Some(first) = y.first() else { return Vec::new() };
     let basis = modulated(first.len(), rate, hz);
@@ -73,7 +73,8 @@ mod tests {
     use super::*;
     use crate::testing::random_input;
 
-    /// Of a line whose phase walks by one radian in a second, a hundredth of the power remains; of noise nearly all.
+    /// If the phase of a line wanders by one radian in a second, less than a hundredth of the line's power remains.
+    /// Nearly all of the noise remains.
     #[test]
     fn a_line_that_walks_is_taken_out() {
         let (rate, hz, samples) = (1600.0, 97.3, 4800);

@@ -6,8 +6,8 @@ use crate::plant::Plant;
 use crate::settings::SignalSettings;
 use plid_fourier::C;
 
-/// Number of samples of a segment: the line of a mode of one per cent damping at a tenth of the sample rate is then a
-/// few bins wide.
+/// Number of samples of a segment: the peak of a mode with a damping ratio of one per cent at a tenth of the sample
+/// rate is then a few bins wide.
 pub(crate) const SEGMENT: usize = 2048;
 
 /// A resonance in the residual's frequency response.
@@ -31,7 +31,7 @@ pub struct Driven<'a> {
     pub error: &'a [Vec<f64>],
 }
 
-/// Averaged products of spectra over the segments of driven records.
+/// Sums of the products of spectra over the segments of driven records.
 struct Spectra {
     /// Products of the inputs, for each bin (m x m).
     uu: Vec<DMatrix<C>>,
@@ -95,7 +95,7 @@ pub fn missing_modes(plant: &Plant, driven: &[Driven], settings: &SignalSettings
             let ridge = C::from(1e-6 * uu.trace().re / m as f64);
             (0..m).for_each(|i| uu[(i, i)] += ridge);
             let response = uu.try_inverse().map_or_else(|| DMatrix::zeros(p, m), |inverse| &eu * inverse);
-            // The power that the inputs explain. At frequencies without input power, the response proves nothing.
+            // The power that the inputs explain. At frequencies without input power, the response means nothing.
             *power = (&response * eu.adjoint()).trace().re.max(0.0);
             response
         })

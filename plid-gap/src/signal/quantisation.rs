@@ -1,4 +1,4 @@
-//! Properties of the raw values that need no model: coarse converters, repeated values and clipping.
+//! Properties of the raw values that are found without a model: coarse converters, repeated values and clipping.
 
 use std::collections::BTreeMap;
 
@@ -11,11 +11,11 @@ use crate::settings::SignalSettings;
 /// Relative error of values in a file of six digits.
 const DIGITS: f64 = 1e-6;
 
-/// Least and largest distance from the grid, in steps, that may be due to the digits of a file.
+/// Smallest and largest distance from the grid, in steps, that may be due to the digits of a file.
 const OFF_GRID: [f64; 2] = [0.01, 0.1];
 
-/// Number of samples on each side with whose errors that of a repeated value is compared: enough for a median, and few
-/// enough for the level to be the same.
+/// Number of samples on each side with whose errors the error of a repeated value is compared: enough for a median, and
+/// few enough for the level to be the same.
 const NEIGHBOURS: usize = 60;
 
 /// Quantisation and dropouts of one output.
@@ -27,8 +27,8 @@ pub struct Quantisation {
     pub grid: bool,
     /// Whether the converter is coarser than those of the other channels.
     pub coarse: bool,
-    /// Variance of the noise before the converter (V^2), if the values lie on a grid of which the records without input
-    /// show a few codes. Their own variance is then not that of a moving signal.
+    /// Variance of the noise before the converter (V^2), if the values lie on a grid and have only a few codes in the
+    /// records without input. The variance of these codes is then not that of a moving signal.
     pub hidden: Option<f64>,
     /// Whether the converter truncates towards zero instead of rounding.
     pub cut: bool,
@@ -45,7 +45,7 @@ impl Quantisation {
     }
 }
 
-/// Examines every output; `errors` are those of the simulation as given (p channels, one for each record).
+/// Examines every output. `errors` are those of the simulation as given (p channels for each record).
 pub fn of_outputs(
     records: &[Record],
     errors: &[Channels],
@@ -58,8 +58,8 @@ pub fn of_outputs(
     let finest = steps.iter().copied().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min);
     (0..p)
         .map(|o| {
-            // For a single channel, or if all are alike, the noise is the reference: it would blur a finer grid. A
-            // sensor may be far noisier than it is declared.
+            // The noise is the reference for a single channel, or if all channels are alike, because it would blur a
+            // finer grid. A sensor may be much noisier than declared.
             let noisy = sensor_std[o].max(at_rest(records, o, steps[o]));
             let coarse = steps[o].is_finite()
                 && (steps[o] > coarse_step * finest && steps[o] > coarse_over_noise * noisy
@@ -85,8 +85,8 @@ pub fn of_outputs(
         .collect()
 }
 
-/// Returns the standard deviation of an output in the records without input, without that of rounding to this step;
-/// zero if there is no such record.
+/// Returns the standard deviation of an output in the records without input, less the contribution of rounding to this
+/// step; zero if there is no such record.
 fn at_rest(records: &[Record], o: usize, step: f64) -> f64 {
     let quiet = records.iter().filter(|record| !driven(record));
     let values: Vec<f64> = quiet.flat_map(|record| record.y[o].iter().copied()).collect();
@@ -95,9 +95,9 @@ fn at_rest(records: &[Record], o: usize, step: f64) -> f64 {
     (std * std - step * step / 12.0).max(0.0).sqrt()
 }
 
-/// Returns the variance of Gaussian noise before a converter if it is smaller than half a step there: from how many
-/// values leave the most frequent code on either side in the records without input. `None` if there is no such record,
-/// or if no value leaves it.
+/// Returns the variance of Gaussian noise before a converter if its standard deviation is smaller than half a step. The
+/// estimate uses the numbers of values above and below the most frequent code in the records without input. `None` if
+/// there is no such record, or if all values have that code.
 fn hidden(records: &[Record], o: usize, step: f64) -> Option<f64> {
     let quiet = records.iter().filter(|record| !driven(record));
     let values: Vec<f64> = quiet.flat_map(|record| &record.y[o]).copied().filter(|y| y.is_finite()).collect();
@@ -110,8 +110,8 @@ fn hidden(records: &[Record], o: usize, step: f64) -> Option<f64> {
     if above + below == 0 {
         return None;
     }
-    // Distances from the mean to the edges of the code, in standard deviations. Where no value lies beyond one, half a
-    // value is assumed.
+    // Distances from the mean to the edges of the code, in standard deviations. If no value lies beyond an edge, half a
+    // value is assumed there.
     let edge = |beyond: usize| {
         let beyond = if beyond == 0 { 0.5 } else { beyond as f64 };
         -Normal::standard().inverse_cdf(beyond / values.len() as f64)
@@ -120,9 +120,9 @@ fn hidden(records: &[Record], o: usize, step: f64) -> Option<f64> {
     (width > 2.0).then(|| (step / width).powi(2))
 }
 
-/// Returns whether a converter truncates: its code zero is then twice as wide as the others. The likelihood of the
-/// codes of a Gaussian signal, of the size that suits each random record best, is compared with that for rounding. At
-/// least `least` values must lie in the two codes next to zero.
+/// Returns whether a converter truncates: its code zero is then twice as wide as the others. The likelihoods of the
+/// codes of a Gaussian signal are compared for truncation and for rounding, each with the size of the signal that suits
+/// a random record best. At least `least` values must lie in the two codes next to zero.
 fn cuts(records: &[Record], o: usize, step: f64, least: f64) -> bool {
     let (mut next, mut gain) = (0, 0.0);
     for record in records.iter().filter(|record| record.excitation == Excitation::Random) {
@@ -135,8 +135,8 @@ fn cuts(records: &[Record], o: usize, step: f64, least: f64) -> bool {
     next as f64 >= least && gain > 0.0
 }
 
-/// Returns the log likelihood of the magnitudes of codes of a Gaussian signal whose size suits them best. The code zero
-/// ends at `edge` (in steps), and each further one is a step wide.
+/// Returns the log likelihood of the magnitudes of the codes of a Gaussian signal of the most likely size. The code
+/// zero ends at `edge` (in steps), and each further code is one step wide.
 fn likelihood(counts: &BTreeMap<u64, usize>, edge: f64) -> f64 {
     let normal = Normal::standard();
     let square = counts.iter().map(|(code, count)| (*code as f64).powi(2) * *count as f64).sum::<f64>();
@@ -156,11 +156,11 @@ fn likelihood(counts: &BTreeMap<u64, usize>, edge: f64) -> f64 {
 /// Number of sizes of a signal that are tried.
 const SIZES: usize = 101;
 
-/// Largest ratio between a size that is tried and that of the codes, in either direction.
+/// Largest ratio, in either direction, between a size that is tried and the RMS of the codes.
 const SIZE_RANGE: f64 = 4.0;
 
-/// Adds half a step to truncated values. The sign of a value in the code zero is that of the simulation, which is the
-/// value minus the entry of `errors`.
+/// Adds half a step to the magnitude of truncated values. A value in the code zero gets the sign of the simulated
+/// value, which is the value minus the entry of `errors`.
 pub fn mend(records: &mut [Record], errors: &[Channels], quantisation: &[Quantisation]) {
     for (record, errors) in records.iter_mut().zip(errors) {
         let outputs = record.y.iter_mut().zip(errors).zip(quantisation);
@@ -175,12 +175,12 @@ pub fn mend(records: &mut [Record], errors: &[Channels], quantisation: &[Quantis
     }
 }
 
-/// Number of harmonics of the expected error of rounding.
+/// Number of harmonics in the series of the expected error of rounding.
 const HARMONICS: usize = 40;
 
 /// Subtracts the expected error of rounding from the values of coarse converters that round. `simulated` are free runs,
-/// one for each record. How far they are from the value before the converter follows from their errors. The codes may
-/// be off from the multiples of the step.
+/// one for each record. Their distance from the values before the converter follows from their errors. All codes may
+/// have the same offset from the multiples of the step.
 pub fn unround(records: &mut [Record], simulated: &[Channels], quantisation: &[Quantisation]) {
     for (record, simulated) in records.iter_mut().zip(simulated).filter(|(record, _)| driven(record)) {
         let outputs = record.y.iter_mut().zip(simulated).zip(quantisation);
@@ -196,7 +196,7 @@ pub fn unround(records: &mut [Record], simulated: &[Channels], quantisation: &[Q
     }
 }
 
-/// Returns the expected error of rounding to an integer of a Gaussian value with this mean and standard deviation: the
+/// Returns the expected error of rounding a Gaussian value with this mean and standard deviation to an integer: the
 /// Fourier series of a sawtooth, smoothed by the distribution.
 fn expected_rounding(mean: f64, std: f64) -> f64 {
     let harmonic = |k: usize| {
@@ -232,15 +232,15 @@ fn on_grid(records: &[Record], o: usize, step: f64) -> bool {
     })
 }
 
-/// Samples at which an output departs from the simulation and returns.
+/// Samples at which an output departs from the simulation and returns to it.
 struct Jumps {
     /// Samples that repeat the value before them.
     repeats: Vec<usize>,
-    /// Repeated values near an extreme, while the simulation lies further out. A converter that clips makes them as
-    /// well, so they count only if the output drops samples elsewhere.
+    /// Repeated values near an extreme, while the simulation lies further out. A converter that clips also causes them,
+    /// so they count only if the output drops samples elsewhere.
     held_down: Vec<usize>,
-    /// Number of single samples that depart and repeat nothing. If they outnumber the repeated values, something else
-    /// makes jumps, such as heavy-tailed noise, and some pairs of equal values are due to chance.
+    /// Number of single samples that depart from the simulation and repeat no value. If they outnumber the repeated
+    /// values, they have another cause, such as heavy-tailed noise, and some pairs of equal values are due to chance.
     others: usize,
 }
 
@@ -274,7 +274,7 @@ fn jumps(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Jum
             continue;
         }
         let most = |from: usize| error[from..k].iter().fold(0.0, |most: f64, e| most.max(e.abs()));
-        // A dropout begins at once. About the peak of a slow error, two values are equal as well.
+        // A dropout begins abruptly. Two values are also equal near the peak of a slow error.
         let calm = |from: usize| {
             let small = |at: Option<usize>| {
                 at.and_then(|k| error.get(k)).is_none_or(|e| e.abs() < repeat_isolation * most(from))
@@ -282,7 +282,7 @@ fn jumps(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Jum
             small(from.checked_sub(1)) && small(Some(k))
         };
         let single = k - first == 1;
-        // A converter that clips repeats values too, while the simulation lies further out. That is not a dropout.
+        // A converter that clips also repeats values while the simulation lies further out. This is not a dropout.
         let worst = (first..k).max_by(|a, b| error[*a].abs().total_cmp(&error[*b].abs())).unwrap_or(first);
         let held_down = extreme(y[first]) && error[worst] * y[first] < 0.0;
         if most(first) > repeat_error * noise && !(held_down && (rail || single)) && (!single || calm(first)) {
@@ -291,7 +291,7 @@ fn jumps(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Jum
             near.sort_by(f64::total_cmp);
             let out = |e: f64| e > repeat_error * noise && e > repeat_over_median * near[near.len() / 2];
             // Most converters hold the last good value. If another value replaces it, the first sample of the run is
-            // wrong as well.
+            // also wrong.
             let from = first + usize::from(!single && !out(error[first].abs()));
             if out(most(from)) && calm(from) {
                 match (single, held_down) {
@@ -315,8 +315,8 @@ mod tests {
         testing::record(Vec::new(), y)
     }
 
-    /// Held values of a smooth signal on a grid are found, also at its largest value. The values that a clipping
-    /// converter holds are not.
+    /// Held values of a smooth signal on a grid are found, even at its largest value. The values that a clipping
+    /// converter holds are not found.
     #[test]
     fn what_drops_out_at_a_peak_is_seen_and_what_is_clipped_is_not() {
         let white = testing::random_input(8, 3000, 1).remove(0);
@@ -337,7 +337,7 @@ mod tests {
         assert!(found.dropout_rate.is_some());
         let mut wanted: Vec<usize> = starts.iter().flat_map(|start| start + 1..start + 5).collect();
         wanted.sort_unstable();
-        // A value that changed by no more than the noise meanwhile is not wrong.
+        // A value is not wrong if the signal meanwhile changed by no more than the noise.
         let wrong: Vec<usize> = wanted.iter().copied().filter(|k| (held[*k] - smooth[*k]).abs() > 0.1).collect();
         assert!(wrong.iter().all(|k| found.repeats[0].contains(k)), "{wrong:?} {:?}", found.repeats[0]);
         assert!(found.repeats[0].iter().all(|k| wanted.contains(k)), "{:?}", found.repeats[0]);
@@ -367,8 +367,8 @@ mod tests {
         }
     }
 
-    /// Whatever the position between two codes, a quiet record gives the noise of a moving signal, of which its own
-    /// variance shows too little.
+    /// A quiet record gives the noise of a moving signal, whatever its position between two codes. The variance of the
+    /// quiet record itself is too small.
     #[test]
     fn codes_at_rest_show_the_noise_before_the_converter() {
         const STEP: f64 = 0.02;
@@ -383,7 +383,7 @@ mod tests {
                 let error = rms(driven.iter().zip(&signal).map(|(y, signal)| y - signal)).powi(2);
                 let quiet = Record { excitation: Excitation::Zero, ..record(vec![rounded(&|_| at)]) };
                 let found = hidden(&[record(vec![driven]), quiet.clone()], 0, STEP).unwrap() + STEP * STEP / 12.0;
-                // Where no value crosses one edge, the noise may be smaller than the one that is found.
+                // Where no value crosses one of the edges, the noise may be smaller than the estimate.
                 let most = if at > 0.3 * STEP && std < 0.25 * STEP { 0.15 } else { 0.08 };
                 assert!((found / error - 1.0).abs() < most, "{std} {at}: {found} for {error}");
                 // Near the middle of a code, the record's own variance is too small.
@@ -392,15 +392,15 @@ mod tests {
                 assert!(at > 0.3 * STEP || shown < 0.95 * error, "{std} {at}: {shown} for {error}");
             }
         }
-        // A noise of many steps shows itself, and a constant record shows nothing.
+        // Noise of many steps is visible as such, and a constant record contains no information about the noise.
         for std in [2.0 * STEP, 0.0] {
             let y = noise.iter().map(|n| STEP * (std * n / STEP).round()).collect();
             assert_eq!(hidden(&[Record { excitation: Excitation::Zero, ..record(vec![y]) }], 0, STEP), None, "{std}");
         }
     }
 
-    /// Three channels of one signal: fine, rounded coarsely, and truncated coarsely, with steps from a fifth of its
-    /// size to its size.
+    /// The three channels contain one signal: fine, rounded coarsely, and truncated coarsely, with steps from a fifth
+    /// of the signal's size to its full size.
     #[test]
     fn a_converter_that_cuts_is_told_from_one_that_rounds() {
         for share in [0.2, 0.5, 1.0] {
@@ -425,7 +425,7 @@ mod tests {
         }
     }
 
-    /// A weak record whose values leave the code zero rarely does not make rounding look like truncation.
+    /// A weak record whose values rarely leave the code zero does not make rounding look like truncation.
     #[test]
     fn a_weak_record_does_not_make_rounding_truncation() {
         const STEP: f64 = 2.0;
@@ -438,8 +438,9 @@ mod tests {
         assert!(found[1].coarse && !found[1].cut);
     }
 
-    /// With a simulation that is off by a hundredth of a step, most of the error of a step of twice the signal's size
-    /// is removed, wherever the codes lie. With one that is off by as much as a step, the values stay as they are.
+    /// With a simulation that is off by a hundredth of a step, most of the rounding error is removed for a step of
+    /// twice the signal's size, wherever the codes lie. With a simulation that is off by as much as a step, the values
+    /// stay as they are.
     #[test]
     fn the_error_of_rounding_is_predicted_by_a_good_simulation() {
         const STEP: f64 = 2.0;
@@ -463,7 +464,7 @@ mod tests {
         }
     }
 
-    /// The expected error of rounding, by the sum over the codes.
+    /// The expected error of rounding agrees with the sum over the codes.
     #[test]
     fn the_expected_error_of_rounding_is_that_of_its_codes() {
         let normal = Normal::standard();

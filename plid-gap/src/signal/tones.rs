@@ -15,8 +15,8 @@ pub struct Tone {
     pub prominence: f64,
 }
 
-/// The neighbourhood in bins on each side: it begins beyond the width of the window's main lobe, and ends near enough
-/// to lie within a resonance.
+/// The neighbourhood in bins on each side. It begins beyond the main lobe of the window and ends near enough to lie
+/// within a resonance.
 const NEIGHBOURS: std::ops::Range<usize> = 3..13;
 
 /// A stretch of a residual.
@@ -79,7 +79,7 @@ fn refine(stretches: &[Stretch], rate: f64, hz: f64, width: f64) -> f64 {
         (-steps..=steps).map(at).max_by(|a, b| power(*a).total_cmp(&power(*b))).expect("not empty")
     };
     let last = stretches.iter().map(|s| s.start_s + s.residual[0].len() as f64 / rate).fold(0.0, f64::max);
-    // Steps of a quarter of the width of a line in all stretches together.
+    // The steps are a quarter of the width of a line in all stretches together.
     let steps = ((width * last * 4.0).ceil() as i32).clamp(4, 400);
     let coarse = best(hz, width, steps);
     best(coarse, width / f64::from(steps), 8)
@@ -96,13 +96,13 @@ fn line(x: &[f64], start_s: f64, rate: f64, hz: f64) -> C {
     sum
 }
 
-/// Distance from a line, in units of the resolution 1 / duration, within which power belongs to it. Without a window,
-/// the bins this near hold at least nine tenths of the power of a line, wherever it lies between two of them.
+/// Distance from a line, in units of the resolution 1 / duration, within which power belongs to the line. Without a
+/// window, these bins hold at least nine tenths of the power of a line, wherever it lies between two bins.
 const NEAR_LINE: f64 = 2.0;
 
 /// Returns whether a line at `hz` may be the plant's response to the record's input: at least the share `driven` of the
-/// input's power lies there, or most of it lies at one frequency of which `hz` is a multiple. Such a record does not
-/// show that the line has another cause.
+/// input's power lies there, or most of the power lies at one frequency of which `hz` is a multiple. Such a record does
+/// not show that the line has another cause.
 pub fn is_driven(record: &Record, rate: f64, hz: f64, driven: f64) -> bool {
     let samples = record.samples();
     let resolution = rate / samples as f64;
@@ -120,7 +120,7 @@ pub fn is_driven(record: &Record, rate: f64, hz: f64, driven: f64) -> bool {
     })
 }
 
-/// Returns the channels without these lines and the harmonics that hum has. Sines and cosines are fitted by least
+/// Returns the channels without these lines and those harmonics that hum has. Sines and cosines are fitted by least
 /// squares to the samples that are not missing (NaN).
 pub fn without(y: &[Vec<f64>], rate: f64, tones: &[Tone]) -> Vec<Vec<f64>> {
     let lines: Vec<f64> =

@@ -1,9 +1,9 @@
-//! The linear maps of a block: all parts of a sample, or a share of them.
+//! The linear maps of a block, which consists of all parts of a sample or of some of them.
 //!
-//! A force depends only on the motion at its port, not on the modes themselves. The motion at the ends of all parts is
-//! that without forces, which is one product with the state, plus the responses to the forces of earlier parts, which
-//! are a few numbers. The forces then move the state by another product. Modes are thus visited once a block and not in
-//! every part.
+//! A force depends only on the motion at its port, not on the modes themselves. The motion at the ends of all parts
+//! is the motion without forces, which is one product with the state, plus the responses to the forces of the parts
+//! so far, which are a few numbers. Another product then adds the response of the state to the forces. The modes are
+//! thus visited once per block and not in every part.
 
 use std::ops::Range;
 
@@ -13,7 +13,8 @@ use crate::plant::{Carried, Plant, phi1};
 use crate::simulate::lanes::{self, Quad, Rows, WIDE};
 use plid_fourier::C;
 
-/// The stepped system: a plant over blocks, with forces and disturbances at ports (their numbers).
+/// The time-stepped system: a plant over blocks, with forces and disturbances at ports, which are given by their
+/// numbers.
 pub struct Block {
     /// Number of parts of a block.
     pub parts: usize,
@@ -24,7 +25,7 @@ pub struct Block {
     forces: Vec<usize>,
     pushes: Vec<usize>,
     rest: RestStep,
-    /// Whether the rest is stepped once a sample, with its mean input, because its continuous form is not known.
+    /// Whether the rest is stepped once per sample, with its mean input, because its continuous form is not known.
     pub late: bool,
     /// Numbers of modes and of states of the rest.
     modes: usize,
@@ -34,31 +35,33 @@ pub struct Block {
 /// The step of the rest over a part.
 struct RestStep {
     a: DMatrix<f64>,
-    /// Increments by a held unit and by a ramp from 0 to 1, of each input, then of each force and each disturbance.
+    /// Increments due to a held unit and due to a ramp from 0 to 1, for each input, then for each force and each
+    /// disturbance.
     held: DMatrix<f64>,
     ramp: DMatrix<f64>,
 }
 
-/// The maps of a block at certain poles. A motion is that of all ports: the displacements at the ends of all parts,
-/// then the velocities. Forces are stored in the same order: what is held over each part, then the change over it.
+/// The maps of a block for given poles. A motion is that of all ports: for each port, the displacements at the ends
+/// of all parts, then the velocities. Forces are stored in the same order: for each port, the values that are held
+/// over the parts, then the changes over them.
 pub struct Maps {
-    /// Turn of the modes.
+    /// Factors of the modes' states over a block.
     pub turn: Vec<Quad>,
-    /// State matrix of the rest.
+    /// State matrix of the rest over a block.
     pub rest: Rows,
-    /// Increments of the state and then of the motion by the values of each input.
+    /// Increments of the state and then of the motion due to the values of each input.
     pub driven: Rows,
-    /// For each disturbance, these increments by a held unit.
+    /// For each disturbance, the same increments due to a held unit.
     pub pushed: Vec<Vec<Quad>>,
-    /// Outputs by the state.
+    /// Outputs from the state.
     pub outputs: Rows,
-    /// Displacement and velocity at each port by the state.
+    /// Displacement and velocity at each port from the state.
     pub seen: Rows,
-    /// Motion by the state.
+    /// Motion from the state.
     pub motion: Rows,
-    /// State by the forces.
+    /// Increment of the state from the forces.
     pub forces: Rows,
-    /// For each force and each part, the motion by a unit that is held, and by a change of one.
+    /// For each force and each part, the motion due to a held unit, and due to a change by one.
     pub held: Vec<Vec<Quad>>,
     pub ramp: Vec<Vec<Quad>>,
 }
@@ -75,7 +78,7 @@ impl States {
         Self { modes, rest }
     }
 
-    /// Real part of the product of a row with a column.
+    /// Returns the real part of the product of a row with a column.
     fn dot(&self, column: &Self) -> f64 {
         self.modes.iter().zip(&column.modes).map(|(a, b)| (a * b).re).sum::<f64>() + self.rest.dot(&column.rest)
     }
@@ -90,7 +93,7 @@ impl States {
         self.rest -= &other.rest;
     }
 
-    /// Returns the state now and after each of `count` parts.
+    /// Returns `count` states: the present one, and that after each further part.
     fn turned(self, turn: &[C], a: &DMatrix<f64>, count: usize) -> Vec<Self> {
         let next = |at: &Self| {
             let modes = at.modes.iter().zip(turn).map(|(z, turn)| z * turn).collect();
@@ -101,8 +104,8 @@ impl States {
 }
 
 impl Block {
-    /// A block of a plant, of a number of blocks of a sample, of values of the command in each block, and of parts over
-    /// which each value is held.
+    /// Returns a block of a plant. The numbers are those of the blocks of a sample, of the values of the command in
+    /// each block, and of the parts over which each value is held.
     pub fn new(plant: &Plant, [blocks, values, each]: [usize; 3], forces: Vec<usize>, pushes: Vec<usize>) -> Self {
         let (parts, all) = (values * each, blocks * values * each);
         let step = 1.0 / (plant.rate * all as f64);
@@ -112,27 +115,27 @@ impl Block {
         Self { parts, each, step, forces, pushes, rest, late, modes: plant.modes.len(), states: plant.rest.a.nrows() }
     }
 
-    /// Number of lanes of the modes.
+    /// Returns the number of lanes of the modes.
     pub fn mode_lanes(&self) -> usize {
         2 * self.modes.div_ceil(WIDE)
     }
 
-    /// Number of lanes of the state.
+    /// Returns the number of lanes of the state.
     pub fn state_lanes(&self) -> usize {
         self.mode_lanes() + self.states.div_ceil(WIDE)
     }
 
-    /// Number of lanes of a motion.
+    /// Returns the number of lanes of a motion.
     pub fn motion_lanes(&self) -> usize {
         2 * self.forces.len() * self.parts.div_ceil(WIDE)
     }
 
-    /// The place of a displacement in a motion, and of what is held among the forces.
+    /// Returns the index of a displacement in a motion, and of a held value among the forces.
     pub fn d(&self, port: usize, part: usize) -> usize {
         2 * port * self.parts.next_multiple_of(WIDE) + part
     }
 
-    /// The place of a velocity, and of a change.
+    /// Returns the index of a velocity in a motion, and of a change among the forces.
     pub fn v(&self, port: usize, part: usize) -> usize {
         (2 * port + 1) * self.parts.next_multiple_of(WIDE) + part
     }
@@ -142,7 +145,8 @@ impl Block {
         self.in_lanes(modes, rest, 1.0)
     }
 
-    /// Four real parts are followed by the four imaginary parts, and all modes by the rest.
+    /// Returns a state or a row in lanes. Four real parts are followed by the four imaginary parts, and all modes by
+    /// the rest.
     fn in_lanes(&self, modes: &[C], rest: &[f64], sign: f64) -> Vec<Quad> {
         let mut lanes = lanes::zeros(WIDE * self.state_lanes());
         for (k, z) in modes.iter().enumerate() {
@@ -160,7 +164,7 @@ impl Block {
         Rows::new(rows.len(), WIDE * self.state_lanes(), |i, j| lanes::get(&rows[i], j))
     }
 
-    /// Returns the maps of a plant whose modes have these poles, with the factors of their rows.
+    /// Returns the maps of a plant whose modes have these poles, with the factors on their rows.
     pub fn maps(&self, plant: &Plant, poles: &[(C, Carried)]) -> Maps {
         let turn: Vec<C> = poles.iter().map(|(pole, _)| (pole * self.step).exp()).collect();
         let ports: Vec<[States; 2]> = self.forces.iter().map(|&number| seen(plant, number, poles)).collect();
@@ -197,13 +201,14 @@ impl Block {
         maps
     }
 
-    /// The increment of the states over a part by a unit on each of the modes, with a weight over the part.
+    /// Returns the increment of the states over a part due to a unit that enters the modes with these factors.
+    /// `weight` is `phi1` for a held unit, and `phi2` for a ramp.
     fn by(&self, modes: Vec<C>, poles: &[(C, Carried)], weight: fn(C) -> C, rest: DVector<f64>) -> States {
         let of = |(b, (pole, _)): (C, &(C, Carried))| weight(pole * self.step) * self.step * b;
         States::new(modes.into_iter().zip(poles).map(of).collect(), rest)
     }
 
-    /// The motion by the state, as rows.
+    /// Returns the rows that give the motion from the state.
     fn motion(&self, ports: &[[States; 2]], turn: &[C]) -> Rows {
         let none = States::new(vec![C::ZERO; self.modes], DVector::zeros(self.states));
         let mut rows = vec![none; WIDE * self.motion_lanes()];
@@ -213,7 +218,7 @@ impl Block {
             later(d).for_each(|(part, row)| rows[self.d(port, part)] = row);
             later(v).for_each(|(part, row)| rows[self.v(port, part)] = row);
             if self.late {
-                // It is stepped before its part in the last motion is added.
+                // The rest is stepped before its contribution to the last motion is added.
                 rows[self.d(port, self.parts - 1)].rest.fill(0.0);
                 rows[self.v(port, self.parts - 1)].rest.fill(0.0);
             }
@@ -221,7 +226,8 @@ impl Block {
         self.rows(&rows)
     }
 
-    /// The motion by columns that act from some part on, each a part later.
+    /// Returns the motion due to columns of the states, the first of which belongs to the part `from`, and each
+    /// further one to the next part.
     fn moved(&self, ports: &[[States; 2]], columns: &[States], from: usize) -> Vec<Quad> {
         let mut motion = lanes::zeros(WIDE * self.motion_lanes());
         for (port, [d, v]) in ports.iter().enumerate() {
@@ -233,14 +239,14 @@ impl Block {
         motion
     }
 
-    /// The increments of the state and of the motion by a unit that is held over some parts.
+    /// Returns the increments of the state and of the motion due to a unit that is held over some parts.
     fn driven(&self, over_a_part: States, ports: &[[States; 2]], turn: &[C], parts: Range<usize>) -> Vec<Quad> {
         let mut sums = over_a_part.turned(turn, &self.rest.a, self.parts - parts.start);
         for part in 1..sums.len() {
             let (before, at) = sums.split_at_mut(part);
             at[0].add(&before[part - 1]);
         }
-        // After its end, that of a unit which began then is subtracted.
+        // After the end of the hold, the response to a unit that begins there is subtracted.
         for part in (parts.len()..sums.len()).rev() {
             let (before, at) = sums.split_at_mut(part);
             at[0].subtract(&before[part - parts.len()]);
@@ -249,7 +255,7 @@ impl Block {
         [self.state(&last.modes, last.rest.as_slice()), self.moved(ports, &sums, parts.start)].concat()
     }
 
-    /// Sets the response of the state and of the motion to forces.
+    /// Sets the responses of the state and of the motion to forces.
     fn set_forces(&self, plant: &Plant, poles: &[(C, Carried)], ports: &[[States; 2]], turn: &[C], to: &mut Maps) {
         let mut columns = vec![Vec::new(); WIDE * self.motion_lanes()];
         for (port, &number) in self.forces.iter().enumerate() {
@@ -297,7 +303,7 @@ impl RestStep {
     }
 }
 
-/// The rows of the outputs.
+/// Returns the rows of the outputs.
 fn outputs(plant: &Plant, poles: &[(C, Carried)]) -> Vec<States> {
     let row = |o: usize| {
         let modes = plant.modes.iter().zip(poles);
@@ -307,7 +313,7 @@ fn outputs(plant: &Plant, poles: &[(C, Carried)]) -> Vec<States> {
     (0..plant.p).map(row).collect()
 }
 
-/// The rows of displacement and velocity at a port.
+/// Returns the rows of displacement and velocity at a port.
 fn seen(plant: &Plant, number: usize, poles: &[(C, Carried)]) -> [States; 2] {
     let port = &plant.ports[number];
     let d = port.displacement.iter().zip(poles).map(|(d, (_, rows))| 2.0 * d * rows.displacement);
@@ -315,8 +321,8 @@ fn seen(plant: &Plant, number: usize, poles: &[(C, Carried)]) -> [States; 2] {
     [States::new(d.collect(), port.displacement_rest.clone()), States::new(v.collect(), port.velocity_rest.clone())]
 }
 
-/// e^{A h}, int e^{A (h - s)} B ds and int e^{A (h - s)} B s / h ds, from one exponential (Van Loan, IEEE TAC 23,
-/// 1978).
+/// Returns e^{A h}, int e^{A (h - s)} B ds and int e^{A (h - s)} B s / h ds, from one exponential (Van Loan, IEEE TAC
+/// 23, 1978).
 fn held_and_ramp(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
     let (r, m) = b.shape();
     let size = r + 2 * m;
@@ -332,7 +338,7 @@ fn held_and_ramp(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64) -> (DMatrix<f64>, D
     )
 }
 
-/// (e^x - 1 - x) / x^2.
+/// Returns (e^x - 1 - x) / x^2.
 fn phi2(x: C) -> C {
     if x.norm() < 1e-2 {
         C::from(0.5) + x / 6.0 * (C::ONE + x / 4.0 * (C::ONE + x / 5.0 * (C::ONE + x / 6.0)))

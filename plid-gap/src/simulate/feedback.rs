@@ -9,7 +9,7 @@ use crate::plant::Plant;
 /// The controller of several runs.
 pub struct Feedback<'a, const R: usize> {
     controller: &'a Controller,
-    /// (I - Dc D)^-1, by which the algebraic loop of both feedthroughs is solved (m x m).
+    /// (I - Dc D)^-1, with which the algebraic loop of both feedthroughs is solved (m x m).
     solved: DMatrix<f64>,
     /// The state of each run.
     states: [Vec<f64>; R],
@@ -20,13 +20,13 @@ pub struct Feedback<'a, const R: usize> {
 }
 
 impl<'a, const R: usize> Feedback<'a, R> {
-    /// The controller of a plant at rest; `None` if it has none.
+    /// Returns the controller of a plant, at rest; `None` if the plant has none.
     pub fn new(plant: &'a Plant) -> Option<Self> {
         let controller = plant.controller.as_deref()?;
         let (m, k) = (plant.m, controller.a.nrows());
         let read = controller.d.ncols();
         let matrix = DMatrix::identity(m, m) - &controller.d * plant.d.rows(0, read);
-        // An effect that makes the loop unsolvable makes a run that is not finite.
+        // If an effect makes the algebraic loop unsolvable, the run is not finite.
         let solved = matrix.try_inverse().unwrap_or_else(|| DMatrix::from_element(m, m, f64::NAN));
         let states = std::array::from_fn(|_| vec![0.0; k]);
         Some(Self { controller, solved, states, next: vec![0.0; k], fed: vec![[0.0; R]; m], before: vec![0.0; m] })
@@ -37,7 +37,7 @@ impl<'a, const R: usize> Feedback<'a, R> {
         self.states[run].iter_mut().zip(state).for_each(|(to, from)| *to = *from);
     }
 
-    /// Finds the feedback at a sample, from the other part of the command and the outputs as they are without direct
+    /// Computes the feedback at a sample from the other part of the command and from the outputs without direct
     /// feedthrough.
     pub fn find(&mut self, v: &[[f64; R]], y: &[Channels; R], sample: usize) {
         let Controller { c, d, .. } = self.controller;
@@ -54,7 +54,7 @@ impl<'a, const R: usize> Feedback<'a, R> {
         }
     }
 
-    /// Reads the outputs of a sample.
+    /// Updates the controller's states from the outputs of a sample.
     pub fn read(&mut self, y: &[Channels; R], sample: usize) {
         let Controller { a, b, .. } = self.controller;
         for (state, y) in self.states.iter_mut().zip(y) {

@@ -1,30 +1,30 @@
 //! Numbers in lanes of four, padded with zeros. Loops over them have no remainder, so they vectorise.
 
-/// Numbers of a lane.
+/// Number of values in a lane.
 pub const WIDE: usize = 4;
 
-/// Four numbers, which one load of a register reads.
+/// Four numbers, which are read by one load of a register.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[repr(align(32))]
 pub struct Quad(pub [f64; WIDE]);
 
-/// Some zeros.
+/// Returns `count` zeros in lanes.
 pub fn zeros(count: usize) -> Vec<Quad> {
     vec![Quad::default(); count.div_ceil(WIDE)]
 }
 
-/// Some numbers in their lanes.
+/// Returns these numbers in lanes.
 pub fn of(values: &[f64]) -> Vec<Quad> {
     values.chunks(WIDE).map(|some| Quad(std::array::from_fn(|l| some.get(l).copied().unwrap_or(0.0)))).collect()
 }
 
-/// The k-th number.
+/// Returns the k-th number.
 #[inline(always)]
 pub fn get(lanes: &[Quad], k: usize) -> f64 {
     lanes[k / WIDE].0[k % WIDE]
 }
 
-/// The k-th number.
+/// Returns a mutable reference to the k-th number.
 #[inline(always)]
 pub fn get_mut(lanes: &mut [Quad], k: usize) -> &mut f64 {
     &mut lanes[k / WIDE].0[k % WIDE]
@@ -33,36 +33,36 @@ pub fn get_mut(lanes: &mut [Quad], k: usize) -> &mut f64 {
 /// The same lane of several runs.
 pub type Lane<const R: usize> = [Quad; R];
 
-/// Some zeros of each run.
+/// Returns `count` zeros for each run, in lanes.
 pub fn zeros_of<const R: usize>(count: usize) -> Vec<Lane<R>> {
     vec![[Quad::default(); R]; count.div_ceil(WIDE)]
 }
 
-/// The k-th number of a run.
+/// Returns the k-th number of a run.
 #[inline(always)]
 pub fn get_of<const R: usize>(lanes: &[Lane<R>], k: usize, run: usize) -> f64 {
     lanes[k / WIDE][run].0[k % WIDE]
 }
 
-/// The k-th number of a run.
+/// Returns a mutable reference to the k-th number of a run.
 #[inline(always)]
 pub fn get_mut_of<const R: usize>(lanes: &mut [Lane<R>], k: usize, run: usize) -> &mut f64 {
     &mut lanes[k / WIDE][run].0[k % WIDE]
 }
 
-/// The k-th number of all runs.
+/// Returns the k-th number of each run.
 #[inline(always)]
 pub fn all<const R: usize>(lanes: &[Lane<R>], k: usize) -> [f64; R] {
     std::array::from_fn(|r| get_of(lanes, k, r))
 }
 
-/// Sets the k-th number of all runs.
+/// Sets the k-th number of each run.
 #[inline(always)]
 pub fn set<const R: usize>(lanes: &mut [Lane<R>], k: usize, to: [f64; R]) {
     (0..R).for_each(|r| *get_mut_of(lanes, k, r) = to[r]);
 }
 
-/// to += from * factor, with a factor of each run.
+/// Computes to += from * factor, with a factor for each run.
 #[inline(always)]
 pub fn add_each<const R: usize>(to: &mut [Lane<R>], from: &[Quad], factor: [f64; R]) {
     for (to, from) in to.iter_mut().zip(from) {
@@ -71,7 +71,7 @@ pub fn add_each<const R: usize>(to: &mut [Lane<R>], from: &[Quad], factor: [f64;
     }
 }
 
-/// to += from * factor, in one run.
+/// Computes to += from * factor in one run.
 #[inline(always)]
 pub fn add<const R: usize>(to: &mut [Lane<R>], from: &[Quad], run: usize, factor: f64) {
     for (to, from) in to.iter_mut().zip(from) {
@@ -79,7 +79,7 @@ pub fn add<const R: usize>(to: &mut [Lane<R>], from: &[Quad], run: usize, factor
     }
 }
 
-/// z = z * turn + more, for complex numbers: four real parts, then the four imaginary parts.
+/// Computes z = z * turn + more for complex numbers: four real parts, then the four imaginary parts.
 #[inline(always)]
 pub fn turn<const R: usize>(z: &mut [Lane<R>], turn: &[Quad], more: &[Lane<R>]) {
     for ((z, turn), more) in z.chunks_exact_mut(2).zip(turn.chunks_exact(2)).zip(more.chunks_exact(2)) {
@@ -92,17 +92,17 @@ pub fn turn<const R: usize>(z: &mut [Lane<R>], turn: &[Quad], more: &[Lane<R>]) 
     }
 }
 
-/// A matrix, in groups of four rows.
+/// A matrix in groups of four rows.
 #[derive(Debug, Clone, Default)]
 pub struct Rows {
-    /// Number of columns over four.
+    /// Number of groups of four columns.
     fours: usize,
     /// The columns of each group of four rows, four columns at a time.
     values: Vec<[Quad; WIDE]>,
 }
 
 impl Rows {
-    /// Of a matrix with these entries.
+    /// Returns the rows of a matrix with these entries.
     pub fn new(rows: usize, columns: usize, entry: impl Fn(usize, usize) -> f64) -> Self {
         let fours = columns.div_ceil(WIDE);
         let entry = |i: usize, j: usize| if i < rows && j < columns { entry(i, j) } else { 0.0 };
@@ -112,7 +112,7 @@ impl Rows {
         Self { fours, values: values.map(|(i, j)| four(i, j)).collect() }
     }
 
-    /// to += matrix * x, in each run.
+    /// Computes to += matrix * x in each run.
     #[inline(always)]
     pub fn add_times<const R: usize>(&self, x: &[Lane<R>], to: &mut [Lane<R>]) {
         for (rows, to) in self.values.chunks_exact(self.fours.max(1)).zip(to) {
@@ -120,7 +120,7 @@ impl Rows {
         }
     }
 
-    /// to = from + matrix * x, in each run.
+    /// Computes to = from + matrix * x in each run.
     #[inline(always)]
     pub fn sum_times<const R: usize>(&self, from: &[Lane<R>], x: &[Lane<R>], to: &mut [Lane<R>]) {
         if self.values.is_empty() {
@@ -132,10 +132,10 @@ impl Rows {
     }
 }
 
-/// Returns from + rows * x, of four rows.
+/// Returns from + rows * x for four rows.
 #[inline(always)]
 fn plus_times<const R: usize>(from: Lane<R>, rows: &[[Quad; WIDE]], x: &[Lane<R>]) -> Lane<R> {
-    // Two sums, so that an addition need not wait for the last one.
+    // There are two sums, so that an addition need not wait for the previous one.
     let (mut even, mut odd) = (from, [Quad::default(); R]);
     for (columns, x) in rows.iter().zip(x) {
         for r in 0..R {

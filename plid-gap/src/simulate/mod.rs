@@ -1,8 +1,9 @@
 //! The forward simulation of commands, structure and sensors, with any effects.
 //!
-//! The structure's modes are advanced exactly for a held input. A force that depends on the motion is linear in time
-//! over each part of a sample, by a predictor and a corrector in continuous time (exponential time differencing, second
-//! order: Cox and Matthews, J. Comput. Phys. 176, 2002). [`Fineness`] says how many parts a sample has.
+//! The structure's modes are advanced exactly for a held input. A force that depends on the motion is approximated as
+//! linear in time over each part of a sample, by a predictor and a corrector in continuous time (exponential time
+//! differencing, second order: Cox and Matthews, J. Comput. Phys. 176, 2002). [`Fineness`] states the number of parts
+//! of a sample.
 
 mod block;
 mod feedback;
@@ -19,7 +20,7 @@ use plid_fourier::C;
 /// Subdivision of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fineness {
-    /// Number of parts of a sample over which a force of the motion is linear in time.
+    /// Number of parts of a sample, over each of which a motion-dependent force is linear in time.
     pub force: usize,
     /// Number of samples after which a drifting pole is updated.
     pub drift: usize,
@@ -28,7 +29,7 @@ pub struct Fineness {
 impl Fineness {
     /// For fits and predictions.
     pub const FINE: Self = Self { force: 8, drift: 16 };
-    /// For the screen, which only ranks.
+    /// For the screen, which only ranks, for quick fits and for derivatives.
     pub const COARSE: Self = Self { force: 4, drift: 64 };
 }
 
@@ -44,8 +45,8 @@ pub struct State {
 }
 
 impl State {
-    /// Returns the same state of a changed plant. If its modes are coupled, they are among the other states: (Re z, Im
-    /// z) of each, before these. A mode that was added begins at rest.
+    /// Returns the same state for a changed plant. If the modes of the changed plant are coupled, they are among the
+    /// other states: (Re z, Im z) of each mode comes first. Added states begin at rest.
     fn of(&self, changed: &Plant) -> Self {
         let added = changed.rest.a.nrows().saturating_sub(self.rest.len() + 2 * self.modes.len());
         if !changed.modes.is_empty() || changed.rest.a.nrows() == self.rest.len() {
@@ -56,7 +57,7 @@ impl State {
         Self { modes: Vec::new(), rest, controller: self.controller.clone() }
     }
 
-    /// The state at rest.
+    /// Returns the state at rest.
     pub fn rest(plant: &Plant) -> Self {
         let controller = plant.controller.as_ref().map_or(0, |controller| controller.a.nrows());
         Self {
@@ -82,8 +83,8 @@ pub fn simulate(
     y
 }
 
-/// Returns the commands of the plant (m channels) in a linear run from rest: the inputs `u`, and in closed loop the
-/// feedback with them.
+/// Returns the commands of the plant (m channels) in a linear run from rest: the inputs `u`, plus the feedback in
+/// closed loop.
 pub fn commands(plant: &Plant, u: &[Vec<f64>]) -> Channels {
     let Some(controller) = &plant.controller else { return u.to_vec() };
     controller.commands(u, &simulate(plant, &[], u, 0.0, None, Fineness::COARSE))
@@ -98,8 +99,8 @@ pub fn apply_sensors(actions: &[Action], y: &mut Channels, sampling: Sampling) {
     }
 }
 
-/// Adds the force on a motion that is an input to the outputs that show it. The velocity is that of a parabola through
-/// three samples.
+/// Adds the force due to a motion that is an input to the outputs that measure this force. The velocity is that of a
+/// parabola through three samples.
 fn on_a_given_motion(port: &Port, law: &dyn Force, drive: &Drive, y: &mut Channels) {
     let Some(input) = port.moved_by() else { return };
     let d: Vec<f64> = drive.u[input].iter().step_by(drive.parts).copied().collect();
@@ -126,25 +127,26 @@ pub fn slope(x: &[f64], rate: f64) -> Vec<f64> {
 /// Largest phase advance, in a part of a sample, of a port's oscillation against a stiff law, in rad.
 const TURN: f64 = 0.25;
 
-/// Largest phase advance, in a part of a sample, of a port's oscillation against a law that bends smoothly, in rad. The
-/// relative error of its frequency is a twenty-fourth of the square.
+/// Largest phase advance, in a part of a sample, of a port's oscillation against a smooth law, in rad. The relative
+/// error of the oscillation's frequency is a twenty-fourth of the square of the phase advance.
 const SMOOTH_TURN: f64 = 0.08;
 
-/// Distance from the largest motion, over that motion, at which the slope of a law is taken.
+/// Distance from the largest motion, relative to it, at which a law is evaluated for its slope.
 const BESIDE: f64 = 1e-3;
 
-/// Most parts of a sample.
+/// Largest number of parts of a sample.
 const MOST_PARTS: f64 = 32.0;
 
-/// Returns the most parts of a block, a power of two. Each force acts on the motion at all later parts of its block,
-/// and each block costs a product with the state, so blocks are short for a plant of few states. (A servo with a stop:
-/// 25 s of a processor with two parts, 34 with four and 51 with eight; a truss: 23, 18 and 17.)
+/// Returns the largest number of parts of a block, a power of two. Each force acts on the motion at all later parts
+/// of its block, and each block costs a product with the state, so blocks are short for a plant with few states.
+/// (Processor time for a servo with a stop: 25 s with two parts, 34 s with four and 51 s with eight; for a truss, 23,
+/// 18 and 17 s.)
 fn most_in_a_block(plant: &Plant) -> usize {
     plant.n().div_ceil(lanes::WIDE).next_power_of_two().clamp(2, 8)
 }
 
-/// Returns the number of blocks of a sample, for a number of values of the command, each of which is held over a number
-/// of parts. Only forces limit the parts of a block.
+/// Returns the number of blocks of a sample for a number of values of the command, each of which is held over a
+/// number of parts. The number of parts of a block is limited only if forces act.
 fn blocks_of(plant: &Plant, (values, parts): (usize, usize), forced: bool) -> usize {
     let most = if forced { (most_in_a_block(plant) / parts).max(1) } else { values };
     (1..=values).find(|blocks| values.is_multiple_of(*blocks) && values / blocks <= most).unwrap_or(values)
@@ -161,8 +163,9 @@ fn parts_of(plant: &Plant, port: usize, law: &dyn Force) -> usize {
     power_of_two(rate / (TURN * plant.rate))
 }
 
-/// Returns the number of parts of a sample that a smooth law needs where displacement and velocity of its port have
-/// these largest magnitudes: a power of two. A law that states its steepest part has that many anyway.
+/// Returns the number of parts of a sample that a smooth law needs if these are the largest magnitudes of
+/// displacement and velocity at its port: a power of two. A law that states its steepest part has enough parts
+/// anyway.
 fn parts_at(plant: &Plant, port: usize, law: &dyn Force, [d, v]: [f64; 2]) -> usize {
     if law.states() > 0 || law.holds().is_some() || law.steepest() != [0.0; 2] {
         return 1;
@@ -182,7 +185,7 @@ fn power_of_two(parts: f64) -> usize {
     parts.clamp(1.0, MOST_PARTS).log2().ceil().exp2() as usize
 }
 
-/// Returns the plant with the actions that change it before a run; `None` if none of them does.
+/// Returns the plant as changed by the actions before a run; `None` if no action changes it.
 pub fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
     let mut changed = changed_modes(plant, actions);
     for action in actions {
@@ -198,8 +201,8 @@ pub fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
     changed
 }
 
-/// Returns the plant with the actions that change it, except loads and lags, which couple the modes; `None` if none
-/// changes it.
+/// Returns the plant as changed by the actions, except for loads and lags, which couple the modes; `None` if no
+/// action changes it.
 pub fn changed_modes(plant: &Plant, actions: &[Action]) -> Option<Plant> {
     let mut changed = None;
     for action in actions {
@@ -227,7 +230,7 @@ mod tests {
         crate::case::columns(&y)
     }
 
-    /// Relative to the expected RMS.
+    /// Returns the RMS difference relative to the expected RMS.
     fn difference(found: &Channels, expected: &Channels) -> f64 {
         let error: Vec<f64> = found.iter().flatten().zip(expected.iter().flatten()).map(|(a, b)| a - b).collect();
         crate::case::record::rms(&error) / crate::case::record::rms(expected.iter().flatten())
@@ -243,7 +246,7 @@ mod tests {
         }
     }
 
-    /// A mode that is moved or reshaped in modal form agrees with a structure that is built with that mode.
+    /// A mode that is moved, reshaped or added in modal form agrees with a structure that is built with that mode.
     #[test]
     fn a_changed_mode_is_a_structure_built_so() {
         let nominal = Plant::new(&testing::truss(1)).unwrap();
@@ -274,7 +277,7 @@ mod tests {
         assert!(far < 1e-5, "{far}");
     }
 
-    /// If the sensors are at the ports, the inferred ports are the declared ones for any force.
+    /// If the sensors are at the ports, the inferred ports respond to a force as the declared ones do, up to a scale.
     #[test]
     fn inferred_ports_answer_as_declared_ones() {
         let mut model = testing::truss_with(2, |_, beta, gamma| *gamma = beta.transpose() * 0.05);
@@ -292,7 +295,7 @@ mod tests {
                 with.iter().zip(&without).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
             change
         };
-        // Displacements have other units there: sensors are 0.05 of the shapes.
+        // Displacements at inferred ports have other units: the sensors' shapes are 0.05 of those of the inputs.
         let k = 1e12;
         let expected = respond(&declared, k);
         let best = (0..400)
@@ -301,7 +304,7 @@ mod tests {
         assert!(best < 0.05, "{best}");
     }
 
-    /// A force on a motion that is an input is its law at that motion, added to the linear response.
+    /// The force due to a motion that is an input is its law at that motion, added to the linear response.
     #[test]
     fn a_force_on_a_given_motion_is_its_law() {
         use crate::effects::{CoulombFriction, CubicStiffness, JointHysteresis, Place};
@@ -319,7 +322,7 @@ mod tests {
         };
         let cubic = added(&CubicStiffness, &[3e4]);
         assert!(cubic.iter().zip(&u[0]).all(|(f, d)| (f - 3e4 * d.powi(3)).abs() < 1e-12));
-        // Friction follows the velocity, whose error by central differences is (w h)^2 / 6.
+        // Friction follows the velocity, whose relative error by central differences is (w h)^2 / 6.
         let (force, v0) = (5.0, 0.01);
         let friction = added(&CoulombFriction, &[force, v0]);
         let velocity = |k: usize| amplitude * w * (w * at(k)).cos();

@@ -1,4 +1,4 @@
-//! The plant stepped through time with the forces that depend on its motion. A diagnosis spends most of its time here.
+//! Time stepping of the plant with the forces that depend on its motion. A diagnosis spends most of its time here.
 
 use nalgebra::DMatrix;
 
@@ -11,7 +11,7 @@ use crate::simulate::lanes::{self, Lane, Quad, Rows, WIDE};
 use crate::simulate::{State, blocks_of};
 use plid_fourier::C;
 
-/// The signals that differ between runs in step: the command and the disturbances.
+/// The signals that differ between runs that are stepped together: the command and the disturbances.
 pub struct Given {
     /// The command.
     pub drive: Drive,
@@ -19,8 +19,8 @@ pub struct Given {
     pub disturbances: Vec<Vec<f64>>,
 }
 
-/// Steps several runs through all samples. A part of a sample has to wait for its force; meanwhile the processor works
-/// on the other runs. The loops over modes are short and gain from wide registers.
+/// Steps several runs through all samples. A part of a sample has to wait for its force; meanwhile the processor
+/// works on the other runs. The loops over modes are short and benefit from wide registers.
 #[multiversion::multiversion(targets("x86_64+avx2+fma"))]
 pub fn advance<const R: usize>(
     runner: &mut Runner<R>,
@@ -57,8 +57,8 @@ pub fn advance<const R: usize>(
             }
             if block == 0 {
                 runner.sample(given, k);
-                // The outputs are sampled before the next value of a disturbance acts, which an accelerometer without a
-                // filter would show.
+                // The outputs are sampled before the next value of a disturbance acts. An accelerometer without a
+                // filter would otherwise measure this value already.
                 runner.output(&held, y, k);
                 runner.feedback.iter_mut().for_each(|feedback| feedback.read(y, k));
                 for d in 0..runner.pushes.len() {
@@ -70,7 +70,7 @@ pub fn advance<const R: usize>(
     }
 }
 
-/// The plant stepped over blocks, with the states of its runs.
+/// A plant that is stepped over blocks, with the states of its runs.
 pub struct Runner<'a, const R: usize> {
     block: Block,
     /// Number of blocks of a sample, and of values of the command in a block.
@@ -81,8 +81,8 @@ pub struct Runner<'a, const R: usize> {
     feedback: Option<Feedback<'a, R>>,
     /// Direct feedthrough of the inputs.
     d: DMatrix<f64>,
-    /// Increments of the state, and then of the motion, over a block: by the held input, and with the disturbances, if
-    /// there are any.
+    /// Increments of the state, and then of the motion, over a block: due to the held input alone, and due to it and
+    /// the disturbances, if there are any.
     held: Vec<Lane<R>>,
     added: Vec<Lane<R>>,
     /// The values of the command in a block.
@@ -100,26 +100,26 @@ pub struct Runner<'a, const R: usize> {
 /// The rest, if its continuous form is not known: it is stepped at the end of a sample with its mean input.
 struct Late<const R: usize> {
     a: Rows,
-    /// For each input, the increment of a unit over a sample.
+    /// For each input, the increment due to a unit over a sample.
     b: Vec<Vec<Quad>>,
     held: Vec<Lane<R>>,
-    /// Its part in the motion at the end of a block.
+    /// The contribution of the rest to the motion at the end of a block.
     sees: Rows,
 }
 
-/// A port over one part of a sample.
+/// A port with the laws and the motion of each run.
 struct Port<'a, const R: usize> {
     /// The law of each run.
     laws: [&'a dyn Force; R],
-    /// Direct response of the outputs to a unit.
+    /// Direct response of the outputs to a unit force.
     output: Vec<f64>,
-    /// In each run.
+    /// The motion in each run.
     moving: [Moving; R],
 }
 
 /// The motion of a port.
 struct Moving {
-    /// Of the law.
+    /// State of the law.
     state: Vec<f64>,
     /// Displacement and velocity now, and the displacement to which the law's state belongs (that of the predictor).
     d: f64,
@@ -149,8 +149,8 @@ struct Push<const R: usize> {
 }
 
 impl<'a, const R: usize> Runner<'a, R> {
-    /// Runners at rest, with a given number of values of the command in a sample, each of a given number of parts.
-    /// The forces of all runs act at the same ports.
+    /// Returns a runner at rest, with a given number of values of the command in a sample, each of which is held over
+    /// a given number of parts. The forces of all runs act at the same ports.
     pub fn new(
         plant: &'a Plant,
         (values, parts): (usize, usize),
@@ -214,8 +214,8 @@ impl<'a, const R: usize> Runner<'a, R> {
         }
     }
 
-    /// Multiplies every w^2 by `factor`. The force 2 zeta w q' does not change, and neither does the real part of each
-    /// pole; a mode's rows follow its pole. The gains of actuators and filters are those at the former pole.
+    /// Multiplies every w^2 by `factor`. The force 2 zeta w q' does not change, and neither does the real part of
+    /// each pole; a mode's rows follow its pole. The gains of actuators and filters remain those at the former pole.
     fn stiffen(&mut self, plant: &Plant, factor: f64) {
         let pole = |from: C| {
             let square = from.norm_sqr() * factor - from.re * from.re;
@@ -306,7 +306,7 @@ impl<'a, const R: usize> Runner<'a, R> {
         }
     }
 
-    /// Steps by a block; the `last` one ends a sample.
+    /// Steps by one block; the `last` block ends a sample.
     #[inline(always)]
     fn step(&mut self, last: bool) {
         let added = if self.pushes.is_empty() { &self.held } else { &self.added };
@@ -340,8 +340,8 @@ impl<'a, const R: usize> Runner<'a, R> {
         self.maps.forces.add_times(&self.forces, &mut self.state);
     }
 
-    /// Finds the forces of a part. Each is held over the part first, as it was at its beginning, and then becomes what
-    /// the law says of the motion at its end.
+    /// Computes the forces of a part. Each force is first held over the part at its initial value. It then changes
+    /// linearly to the value of its law for the motion at the end of the part.
     #[inline(always)]
     fn part(&mut self, part: usize) {
         let Self { block, maps, motion, forces, ports, .. } = self;
@@ -384,10 +384,10 @@ impl<'a, const R: usize> Runner<'a, R> {
 }
 
 impl<const R: usize> Port<'_, R> {
-    /// Friction that holds a port, or on whose way the velocity passes zero, becomes the force that brings the port to
-    /// rest at the end of a part, as far as it can. `by_held` is the motion by a unit held over the part. (This is the
-    /// time stepping of Moreau for unilateral constraints: J. J. Moreau, in Nonsmooth Mechanics and Applications,
-    /// 1988.)
+    /// Lets friction bring a port to rest. If friction holds the port, or if the velocity passes zero within a part,
+    /// the friction becomes the force that brings the port to rest at the end of the part, as far as its limit
+    /// allows. `by_held` is the motion due to a unit held over the part. (This is the time stepping of Moreau for
+    /// unilateral constraints: J. J. Moreau, in Nonsmooth Mechanics and Applications, 1988.)
     #[inline(always)]
     fn hold_still(
         &mut self,

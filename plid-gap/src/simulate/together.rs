@@ -1,5 +1,5 @@
-//! Runs that are alike, stepped together: those of one plant whose forces act at the same ports, over equally many
-//! steps. A step of one run has to wait for its force; meanwhile the processor works on the others.
+//! Runs that are alike are stepped together: runs of one plant with the same number of steps, whose forces act at the
+//! same ports. A step of one run has to wait for its force; meanwhile the processor works on the others.
 
 use rayon::prelude::*;
 
@@ -12,7 +12,7 @@ use crate::simulate::runner::{Given, Runner, advance};
 /// A run of the simulation.
 #[derive(Clone, Copy)]
 pub struct Run<'r> {
-    /// The changes by the effects.
+    /// The actions of the effects.
     pub actions: &'r [Action],
     /// Held inputs: m channels.
     pub u: &'r [Vec<f64>],
@@ -26,7 +26,7 @@ pub struct Run<'r> {
 /// run whose motion is so large that a law is stiff there is repeated with finer steps.
 pub fn before_sensors(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> Vec<Channels> {
     let (mut outputs, parts) = stepped(plant, runs, fineness);
-    // Coarse runs only rank, so they are repeated only where the parts of fine ones do not suffice.
+    // Coarse runs only rank, so they are repeated only if even the number of parts of fine runs does not suffice.
     let enough = fineness.force.max(Fineness::FINE.force);
     let mut finer: Vec<usize> = (0..runs.len()).filter(|&k| parts[k] > enough).collect();
     finer.sort_by_key(|&k| parts[k]);
@@ -38,7 +38,7 @@ pub fn before_sensors(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> Ve
     outputs
 }
 
-/// Returns the outputs of the runs, and the parts of a sample that each needs at its motion.
+/// Returns the outputs of the runs, and the number of parts of a sample that each needs for its motion.
 fn stepped(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> (Vec<Channels>, Vec<usize>) {
     let runs: Vec<Applied> = runs.iter().map(|run| Applied::new(plant, run, fineness)).collect();
     let mut order: Vec<usize> = (0..runs.len()).collect();
@@ -61,20 +61,20 @@ fn stepped(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> (Vec<Channels
     (outputs, parts)
 }
 
-/// Most runs that are stepped together: with more, the sums no longer fit the registers.
+/// Largest number of runs that are stepped together: with more, the sums no longer fit into the registers.
 const MOST_TOGETHER: usize = 4;
 
 /// A run whose effects have been applied to the plant and to the command.
 struct Applied<'r> {
     run: Run<'r>,
-    /// The plant, if effects change it.
+    /// The changed plant, if effects change it.
     changed: Option<Plant>,
     start: Option<State>,
     given: Given,
     /// Number of parts of each value of the command.
     parts: usize,
     forces: Vec<(usize, &'r dyn Force)>,
-    /// Forces on a motion that is an input.
+    /// Forces at ports whose motion is an input.
     moved: Vec<(usize, &'r dyn Force)>,
 }
 
@@ -112,13 +112,13 @@ impl<'r> Applied<'r> {
         self.run.u.first().map_or(0, Vec::len)
     }
 
-    /// The ports on which disturbances act.
+    /// Returns the ports on which disturbances act.
     fn pushed(&self) -> impl Iterator<Item = usize> {
         let port = |action: &Action| if let Action::Disturbance(port, _) = action { Some(*port) } else { None };
         self.run.actions.iter().filter_map(port)
     }
 
-    /// The functions of time by which the stiffness is multiplied.
+    /// Returns the functions of time by which the stiffness is multiplied.
     fn stiffness(&self) -> impl Iterator<Item = &(dyn Fn(f64) -> f64 + Send + Sync)> {
         self.run.actions.iter().filter_map(|action| match action {
             Action::Stiffness(of) => Some(of.as_ref()),
@@ -126,7 +126,7 @@ impl<'r> Applied<'r> {
         })
     }
 
-    /// Returns whether two runs have the same number of steps, and the same plant at each.
+    /// Returns whether two runs have the same number of steps, and the same plant at each step.
     fn is_like(&self, other: &Self) -> bool {
         let steps = |run: &Self| (run.samples(), run.given.drive.parts, run.parts);
         let ports = |run: &Self| run.forces.iter().map(|(port, _)| *port).chain(run.pushed()).collect::<Vec<_>>();
@@ -139,7 +139,7 @@ impl<'r> Applied<'r> {
             && (same || unchanged(self) && unchanged(other))
     }
 
-    /// Returns the factor of the stiffness every few samples; empty if it does not change.
+    /// Returns the factor on the stiffness for every `drift` samples; empty if the stiffness does not change.
     fn factors(&self, drift: usize, rate: f64) -> Vec<f64> {
         if self.stiffness().next().is_none() {
             return Vec::new();
@@ -150,7 +150,8 @@ impl<'r> Applied<'r> {
     }
 }
 
-/// Advances runs that are alike. Returns the outputs of each, and the parts of a sample that it needs at its motion.
+/// Advances runs that are alike. Returns the outputs of each run, and the number of parts of a sample that it needs
+/// for its motion.
 fn advanced<const R: usize>(runs: [&Applied<'_>; R], plant: &Plant, fineness: Fineness) -> Vec<(Channels, usize)> {
     let first = runs[0];
     let plant = first.changed.as_ref().unwrap_or(plant);
@@ -193,7 +194,7 @@ mod tests {
         }
     }
 
-    /// A spring without stiffness, whose forces take further parts.
+    /// A spring without stiffness, whose force requires further parts.
     struct NoSpring;
 
     impl Force for NoSpring {
@@ -202,8 +203,8 @@ mod tests {
         }
     }
 
-    /// Values within a sample act on each mode for their quarter of it, as in closed form, with and without parts of a
-    /// force, in one block of a sample and in several.
+    /// Values within a sample act on each mode for their quarter of the sample, in agreement with the closed form,
+    /// with and without the parts of a force, and in one block of a sample and in several.
     #[test]
     fn values_act_for_their_part_of_a_sample() {
         let plant = Plant::new(&testing::truss(1)).unwrap();
@@ -211,7 +212,7 @@ mod tests {
         let inverse = a.clone().try_inverse().unwrap();
         let u = vec![vec![0.0; 40]; 2];
         let quarter = 0.25 / plant.rate;
-        // The outputs at t after a unit that was held for a quarter of a sample until then.
+        // Returns the output at time t after the end of a unit that was held for a quarter of a sample.
         let after = |o: usize, t: f64| -> f64 {
             let by_mode = |mode: &Mode| {
                 let held = ((mode.pole * (t + quarter)).exp() - (mode.pole * t).exp()) / mode.pole;
@@ -240,8 +241,8 @@ mod tests {
         }
     }
 
-    /// For each effect at each of its places: several of its shapes, over records of several lengths that do not begin
-    /// at rest, have the same outputs together as alone, to the bit.
+    /// For each effect at each of its places, runs with several of its shapes, over records of several lengths that
+    /// do not all begin at rest, have bitwise the same outputs together as alone.
     #[test]
     fn together_as_alone() {
         let model = testing::truss(1);
@@ -271,7 +272,7 @@ mod tests {
         assert!(forced > 20, "{forced} forces");
     }
 
-    /// A run whose motion makes its law stiff is the one with finer steps, to the bit; another one stays as it is.
+    /// A run whose motion makes its law stiff is bitwise the run with finer steps; another run is not refined.
     #[test]
     fn a_large_motion_takes_finer_steps() {
         let model = testing::truss(2);
@@ -279,7 +280,8 @@ mod tests {
         let setting = crate::prepare::tests::setting_of(&plant, &model);
         let u = testing::random_input(5, 300, 2);
         let place = Place::Input(0);
-        // A spring on which the port would turn by half a radian in a sample, as far as it moves without it.
+        // A spring on which the port's oscillation would advance by half a radian in a sample, at the motion of the
+        // port without the spring.
         let d = crate::case::record::rms(&crate::prepare::port_motion(&plant, &u)[0]);
         let stiff = (0.5 * plant.rate).powi(2) / plant.mobility(0) / d.powi(2);
         let cubic = |k: f64| CubicStiffness.act(&setting, &place, &[k]);

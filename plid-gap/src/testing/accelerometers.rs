@@ -1,4 +1,4 @@
-//! A structure with accelerometers, one of which is at a place where no input acts.
+//! A structure with accelerometers, one of which is at a location where no input acts.
 
 use nalgebra::{DMatrix, dmatrix};
 use plid_model::{Model, OutputKind};
@@ -9,16 +9,16 @@ use crate::testing::{self, diagnosed, first_is, held, random_input};
 
 const RATE: f64 = 500.0;
 
-/// Two masses in a row, each on a spring, with stiffness matrix K and damping matrix DAMPING K.
+/// Two masses in a row, each on a spring, with the stiffness matrix K and the damping matrix DAMPING K.
 const MASSES: [f64; 2] = [1.0, 2.0];
 const K: [[f64; 2]; 2] = [[9000.0, -4000.0], [-4000.0, 4000.0]];
 const DAMPING: f64 = 5e-4;
 
-/// Number of Runge-Kutta steps in a sample, and of samples over which an input is held.
+/// Number of Runge-Kutta steps per sample, and number of samples over which an input is held.
 const STEPS: usize = 8;
 const HOLD: usize = 8;
 
-/// Returns the time derivatives of both displacements and velocities, with one force on each mass.
+/// Returns the time derivatives of both displacements and both velocities, with one force on each mass.
 fn rate(x: [f64; 4], forces: [f64; 2]) -> [f64; 4] {
     let acceleration = |i: usize| {
         let elastic: f64 = (0..2).map(|j| K[i][j] * (x[j] + DAMPING * x[2 + j])).sum();
@@ -27,8 +27,8 @@ fn rate(x: [f64; 4], forces: [f64; 2]) -> [f64; 4] {
     [x[2], x[3], acceleration(0), acceleration(1)]
 }
 
-/// Returns a model with accelerometers on both masses and a force on the first, which acts early by `early_s`. A
-/// further spring `k` holds the second.
+/// Returns a model with accelerometers on both masses and a force on the first one, which acts too early by `early_s`.
+/// A further spring of stiffness `k` holds the second mass.
 pub fn model(k: f64, early_s: f64) -> Model {
     let unit = |j: usize| std::array::from_fn(|i| if i == j { 1.0 } else { 0.0 });
     let a = DMatrix::from_fn(4, 4, |i, j| {
@@ -43,8 +43,8 @@ pub fn model(k: f64, early_s: f64) -> Model {
     model
 }
 
-/// Returns the accelerations of both masses under a force on the first, with a cubic spring on the second, and the
-/// RMS of the second's displacement.
+/// Returns the accelerations of both masses under a force on the first one, with a cubic spring on the second one, and
+/// the RMS of the second displacement.
 fn measured(u: &[f64], k: f64) -> (Channels, f64) {
     let h = 1.0 / (RATE * STEPS as f64);
     let (mut x, mut y, mut displacements) = ([0.0; 4], vec![Vec::new(); 2], Vec::new());
@@ -85,7 +85,7 @@ fn a_spring_at_an_accelerometer_is_named_there() {
     assert_eq!(found.verdict, Verdict::Effects, "{}", found.sentence);
     let spring = first_is(&found, "cubic-stiffness", "port:y2");
     assert!(found.gap.as_given > 0.1 && found.gap.shrink > 0.9, "{}: {:?}", found.sentence, found.gap);
-    // Reciprocity also gives its size.
+    // Reciprocity also gives the stiffness of the spring.
     let k = spring.parameters["k"].value;
     assert!((k / strength - 1.0).abs() < 0.02, "{k} for {strength}");
 }

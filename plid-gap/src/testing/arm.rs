@@ -1,7 +1,7 @@
-//! A nonlinear arm as a foreign simulator: a motor drives a link through a spring, and gravity acts on the link.
+//! A nonlinear arm as an external simulator: a motor drives a link through a spring, and gravity acts on the link.
 //!
-//! The true systems are integrated with the effect inside the equations, in forty Runge-Kutta steps per sample. The
-//! simulator takes four steps per sample, and a force that is held over each of them.
+//! The true systems are integrated in forty Runge-Kutta steps per sample with the effect inside the equations. The
+//! simulator takes four steps per sample and holds a force over each of them.
 
 use plid_simulator::{Description, Input, Motion, Output, OutputKind, Parameter, Port, Simulator, SimulatorError};
 
@@ -12,7 +12,8 @@ use crate::testing::{random_input, record};
 pub const RATE: f64 = 200.0;
 const STEPS: usize = 4;
 
-/// Parameters of the arm: inertia, damper and gravity of motor and link, and the spring between them.
+/// Parameters of the arm: the inertias of motor and link, the spring between them, the damper of the motor, and the
+/// gravity on the link.
 #[derive(Debug, Clone, Copy)]
 pub struct Numbers {
     pub motor: f64,
@@ -24,7 +25,7 @@ pub struct Numbers {
 
 pub const NOMINAL: Numbers = Numbers { motor: 0.02, link: 0.05, spring: 60.0, damper: 0.15, gravity: 2.0 };
 
-/// Angles of motor and link, their velocities, and a state of an effect.
+/// Angles of motor and link, their velocities, and one state of an effect.
 type State = [f64; 5];
 
 /// Torques on motor and link, and the time derivative of the effect's state, as functions of the state and the
@@ -135,7 +136,7 @@ fn measured(numbers: &Numbers, extra: Extra, u: &[f64]) -> Channels {
     y
 }
 
-/// Returns a command that moves the arm: smoothed random steps, each held for some samples.
+/// Returns a command that moves the arm: smoothed random steps, each of which is held for some samples.
 fn command(seed: u64, samples: usize, level: f64) -> Vec<f64> {
     let random = random_input(seed, samples / 12 + 2, 1).remove(0);
     let mut smooth = 0.0;
@@ -148,7 +149,7 @@ fn command(seed: u64, samples: usize, level: f64) -> Vec<f64> {
 }
 
 /// Returns a case of three driven records at two levels and a quiet one, with noise of 0.5 %. `sense` changes the
-/// outputs after the arm, and `drive` the command before it.
+/// outputs of the arm, and `drive` changes the command before it reaches the arm.
 pub fn case(numbers: &Numbers, extra: Extra, drive: fn(&[f64]) -> Vec<f64>, sense: fn(&mut Channels)) -> Case {
     let mut config = CaseConfig::new(RATE, vec!["torque".into()], vec!["motor".into(), "link".into()]);
     let mut records: Vec<Record> = Vec::new();

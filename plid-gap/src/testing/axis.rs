@@ -16,10 +16,10 @@ use crate::testing::{add_noise, case_of_axis, diagnosed, diagnosed_among, first_
 pub(super) const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
 
-/// Number of samples over which a command is held, long enough for the axis to move.
+/// Number of samples over which a command is held, which is long enough for the axis to move.
 const HOLD: usize = 10;
 
-/// A mass on a viscous damper `c` and a spring `k`, with a further force of displacement and velocity.
+/// A mass on a viscous damper `c` and a spring `k`, with a further force that depends on displacement and velocity.
 #[derive(Clone, Copy)]
 pub(crate) struct Axis {
     pub mass: f64,
@@ -63,7 +63,7 @@ impl Axis {
         self.case_behind(|_| {})
     }
 
-    /// Returns a case whose sensor changes its signal before the noise is added.
+    /// Returns a case in which the sensor changes its signal before the noise is added.
     fn case_behind(&self, sensor: fn(&mut Vec<f64>)) -> Case {
         self.case_of(drawn, sensor)
     }
@@ -137,7 +137,7 @@ fn friction_in_a_well_damped_servo() {
 }
 
 /// A short delay with a slow lag looks like a delay of all channels by many samples, which the audit finds first. The
-/// remainder after its correction shows that it is not one.
+/// remainder after this correction shows that the cause is another one.
 #[test]
 fn a_delay_with_a_lag_is_no_delay_of_all_channels() {
     let behind = |y: &mut Vec<f64>| {
@@ -173,7 +173,7 @@ fn a_pole_within_its_limits_is_no_effect() {
 }
 
 /// The spring stiffens so much that a free run of the linear simulation leaves more than half of the output
-/// unexplained. The search finds the spring in short windows, alone and with its own shape.
+/// unexplained. The search in short windows finds the spring, alone and with its own shape.
 #[test]
 fn a_spring_that_moves_the_resonance_far_is_found() {
     fn stiff(d: f64, _v: f64) -> f64 {
@@ -187,14 +187,15 @@ fn a_spring_that_moves_the_resonance_far_is_found() {
     assert!(!spring.shape_differs && found.gap.with_effect < 1.2 * found.gap.noise_floor, "{}", found.sentence);
 }
 
-/// The same spring differs between its two directions, and a small part is in no explanation. A stop on one side
-/// imitates both parts better than each of them alone, but not better than both together.
+/// The same spring differs between its two directions, and no explanation contains a further small part of the force. A
+/// stop on one side imitates both parts of the spring better than each of them alone, but not better than both
+/// together.
 #[test]
 fn two_parts_of_a_strong_spring_are_found_behind_what_imitates_them() {
     fn stiff(d: f64, v: f64) -> f64 {
         -2e5 * d.powi(3) - 4e3 * d.powi(2) - 0.01 * (40.0 * v).sin()
     }
-    // Shorter records show this as well.
+    // Shorter records also show this.
     let short = |record| vec![drawn(record)[0][..SAMPLES / 2].to_vec()];
     let case = Axis { mass: 1.0, c: 0.6, k: 400.0, force: stiff, position: true }.case_of(short, |_| {});
     let rivals = ["cubic-stiffness", "quadratic-stiffness", "one-sided-stop", "end-stop", "coulomb-friction"];
@@ -204,7 +205,7 @@ fn two_parts_of_a_strong_spring_are_found_behind_what_imitates_them() {
     assert!(found.gap.with_effect < 0.1 * found.gap.as_given, "{}", found.sentence);
 }
 
-/// Gravity on two pendulums of 1.5 Hz, relative to the torque that moves them. The light one swings far.
+/// Coefficients of gravity on two pendulums of 1.5 Hz, for a torque of unit RMS. The light pendulum swings far.
 const LIGHT: f64 = 0.35;
 const HEAVY: f64 = 1.2;
 
@@ -244,7 +245,7 @@ fn the_sine_of_gravity_is_told_from_a_cube_on_large_angles() {
     }
 }
 
-/// The parameters of an axis, and the effects that resemble them.
+/// The parameters of an axis, and the effects that resemble errors of these parameters.
 const NUMBERS: [&str; 9] = [
     "added-mass",
     "added-damping",
@@ -257,9 +258,9 @@ const NUMBERS: [&str; 9] = [
     "coulomb-friction",
 ];
 
-/// One parameter of the simulation is wrong: the mass, the damper or the spring of a motor, a slider and a servo,
-/// whose position or velocity is measured. Each is named with its value, although a refit distributes the error over
-/// poles and gains.
+/// One parameter of the simulation is wrong: the mass, the damper or the spring of a motor, a slider or a servo, whose
+/// position or velocity is measured. This parameter is named with its value, although a refit distributes the error
+/// over poles and gains.
 #[test]
 fn one_number_of_an_axis_is_named() {
     let w = TAU * 1.5;
@@ -268,7 +269,8 @@ fn one_number_of_an_axis_is_named() {
     let servo = Axis { c: 1.4 * w, k: w * w, ..slider };
     for simulated in [motor, slider, servo, Axis { position: false, ..servo }] {
         let Axis { mass, c, k, position, .. } = simulated;
-        // If the position is measured, the parameter is too small; if the velocity is measured, it is too large.
+        // If the position is measured, the mass and the damper in the simulation are too small; if the velocity is
+        // measured, they are too large.
         let (heavier, damped) = if position { (1.2, 1.5) } else { (0.8, 0.5) };
         for (effect, real) in [
             ("added-mass", Axis { mass: heavier * mass, ..simulated }),
@@ -329,8 +331,8 @@ fn a_weak_actuator_is_no_mass() {
     assert_eq!(found.effects.len(), 1, "{}", found.sentence);
 }
 
-/// A reference effect may diverge on held-out records, as a wrong spring does on a slider that is free to move. It is
-/// then omitted, because a file holds only finite numbers. With a smaller dead zone, it does not diverge.
+/// A reference effect may diverge on held-out records, as a wrong spring does on a slider that is free to move. The
+/// effect is then omitted, because a file holds only finite numbers. With the smaller dead zone, it does not diverge.
 #[test]
 fn a_reference_effect_that_runs_away_is_left_out() {
     let slider = Axis { mass: 1.0, c: 4.0, k: 0.0, force: none, position: true };
@@ -347,7 +349,7 @@ fn a_reference_effect_that_runs_away_is_left_out() {
     }
 }
 
-/// A port that the case declares is the place of a payload on a lightly damped axis, whose strut would otherwise be
+/// The payload is located at the port that the case declares on a lightly damped axis, where a strut would otherwise be
 /// inferred.
 #[test]
 fn a_declared_port_has_a_payload() {
@@ -388,7 +390,7 @@ fn hard_stops_of_a_servo_are_named() {
 }
 
 /// Only the last record, which is held out, reaches the stops, and only late. Its beginning is fitted and reaches the
-/// upper stop. The remainder shows that there is also a lower one.
+/// upper stop. The remainder shows that there is also a lower stop.
 #[test]
 fn stops_that_one_record_reaches_are_named() {
     fn both(d: f64, v: f64) -> f64 {
@@ -417,8 +419,8 @@ fn stops_that_one_record_reaches_are_named() {
     assert!(of.starts_with("the last ") && of.ends_with(" of random-3"), "{of}");
 }
 
-/// If an effect has no place to act, the evidence states what must be declared, which is a displacement or any motion
-/// at all. A declared accelerometer is sufficient for friction.
+/// If an effect has no location, the evidence states what must be declared: a displacement, or any motion at all. A
+/// declared accelerometer is sufficient for friction.
 #[test]
 fn what_has_no_place_is_said() {
     let motor = Axis { mass: 1.0, c: 4.0, k: 0.0, force: friction, position: false };
@@ -441,8 +443,8 @@ fn what_has_no_place_is_said() {
     assert!((plant.mobility(0) - 1.0).abs() < 1e-6, "{}", plant.mobility(0));
 }
 
-/// Returns the velocity of a unit mass on a damper of 4 with friction that holds up to 0.3 and slides at 0.2. It is
-/// integrated in small steps, which end at rest if the velocity changes its sign.
+/// Returns the velocity of a unit mass on a damper of 4 with friction that holds up to 0.3 and slides at 0.2. The
+/// velocity is integrated in small steps. A step in which it would change its sign ends at rest.
 fn sticking(u: &[f64]) -> Vec<f64> {
     const STEPS: usize = 100;
     let (h, mut v) = (1.0 / (RATE * STEPS as f64), 0.0_f64);
@@ -481,7 +483,7 @@ fn friction_that_sticks_is_told_from_a_smooth_curve() {
 }
 
 /// Without a simulation, the linear model of the records is identified again with the force of the spring that was
-/// found, and the answer leaves no more than the noise.
+/// found, and the gap with the effect is then no larger than the noise.
 #[test]
 fn a_model_of_the_records_is_identified_with_the_law() {
     let axis = Axis { mass: 1.0, c: 3.0, k: 4000.0, force: |d, _| -4.0e7 * d.powi(3), position: true };

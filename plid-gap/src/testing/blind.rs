@@ -1,5 +1,5 @@
-//! Small blind cases from records to answer. The true system is integrated here by a Runge-Kutta scheme in the
-//! simulation's own states, not by the code that the diagnosis fits.
+//! Small blind cases from records to answer. The true system is integrated here by a Runge-Kutta method in the states
+//! of the simulation, not by the code that the diagnosis fits.
 
 use nalgebra::{DMatrix, DVector};
 use plid_model::Model;
@@ -13,13 +13,13 @@ use crate::case::record::{Channels, rms};
 use crate::judge::verdict::Verdict;
 use crate::testing::{self, diagnosed, diagnosed_among};
 
-/// Number of Runge-Kutta steps in a sample.
+/// Number of Runge-Kutta steps per sample.
 const STEPS: usize = 24;
 
-/// Changes commands or outputs.
+/// A change of commands or outputs.
 type Change = dyn Fn(&mut Channels);
 
-/// What the real system does in addition to the simulation.
+/// The parts of the real system that the simulation lacks.
 #[derive(Default)]
 struct Truth {
     /// Force at the first port as a function of displacement and velocity.
@@ -30,8 +30,8 @@ struct Truth {
     sensor: Option<Box<Change>>,
 }
 
-/// Integrates a model in continuous time, with a force of displacement and velocity at its first port, by the classical
-/// Runge-Kutta method of fourth order. Returns the outputs (p channels) and the RMS of the port's displacement.
+/// Integrates a model in continuous time by the classical Runge-Kutta method of fourth order. A force at its first port
+/// depends on displacement and velocity. Returns the outputs (p channels) and the RMS of the port's displacement.
 pub(super) fn integrate(model: &Model, u: &[Vec<f64>], force: Option<&dyn Fn(f64, f64) -> f64>) -> (Channels, f64) {
     let continuous = model.continuous.as_ref().unwrap();
     let port = &model.ports[0];
@@ -87,7 +87,7 @@ fn case_of(seed: u64, noise: f64, truth: &Truth, samples: usize) -> Case {
     testing::four_records(&model, &vec![noise; model.p()], [1.0, 0.4, 1.0], input, measure)
 }
 
-/// Returns noise of about one per cent of the outputs.
+/// Returns a standard deviation of the noise of about one per cent of the outputs.
 fn quiet(seed: u64) -> f64 {
     let model = testing::truss(seed);
     let (y, _) = integrate(&model, &testing::random_input(seed, 400, 2), None);
@@ -124,7 +124,7 @@ fn a_cubic_spring_is_named_with_place_and_size() {
 const LINEAR: [&str; 7] =
     ["modal-damping", "modal-frequency", "missing-mode", "actuator-lag", "sensor-lag", "sensor-delay", "sensor-gain"];
 
-/// A damping ratio with an error of 20 %, where 5 % is stated, is named whatever the sensors measure.
+/// A damping ratio with an error of 20 %, where 5 % is stated, is named, whatever the sensors measure.
 #[test]
 fn a_damping_ratio_is_named_whatever_the_sensors_are() {
     use crate::testing::Sensor;
@@ -142,8 +142,8 @@ fn a_damping_ratio_is_named_whatever_the_sensors_are() {
     }
 }
 
-/// No derivative at the simulation's own frequency leads there. A mode that appears at the new frequency and is missing
-/// at the old one does.
+/// No derivative at the frequency of the simulation leads to the true frequency. A mode that appears at the new
+/// frequency and is missing at the old one does.
 #[test]
 fn a_mode_that_is_far_off_is_one_change_and_not_two_missing_modes() {
     let real = testing::truss_with(2, |modes, _, _| modes[1].0 *= 0.85);
@@ -152,12 +152,13 @@ fn a_mode_that_is_far_off_is_one_change_and_not_two_missing_modes() {
     assert_eq!(found.effects[0].effect, "modal-frequency");
     let delta = found.effects[0].parameters["delta"].value;
     assert!((delta + 0.15).abs() < 1e-3, "{delta}");
-    // The named effect is the first explanation. It may be at work together with something else.
+    // The named effect is that of the first explanation. It may act together with something else.
     assert_eq!(found.candidates[0].effects[0].location, found.effects[0].location);
     assert!(found.effects[0].confidence >= found.candidates[0].probability, "{:?}", found.candidates);
 }
 
-/// A gap of a tenth of the noise shows that a spring stiffens, but not how. It is named only if so small a gap matters.
+/// A gap of a tenth of the noise shows that a spring stiffens, but not by which law. The spring is named only if so
+/// small a gap matters.
 #[test]
 fn a_spring_that_hardly_stiffens_may_be_a_clearance() {
     let (truth, _) = cubic(2, 0.001);
@@ -200,7 +201,7 @@ fn a_dead_zone_and_a_clipping_sensor_are_found_together() {
 /// A voltage that the outputs for seed 3 sometimes exceed.
 const CLIP: f64 = 0.25;
 
-/// A sensor whose gain depends on the square of its signal, which the vocabulary lacks.
+/// The gain of a sensor depends on the square of its signal, which the vocabulary lacks.
 #[test]
 fn what_the_vocabulary_lacks_is_kept_open() {
     let truth =
@@ -224,7 +225,7 @@ fn units_order_and_basis_change_nothing() {
     let first = diagnosed(&plain);
     let mut other = plain.clone();
     let model = other.model.as_mut().unwrap();
-    // The outputs are exchanged and in millivolts.
+    // The outputs are exchanged and are given in millivolts.
     for record in &mut other.records {
         record.y.swap(0, 1);
         record.y.iter_mut().flatten().for_each(|y| *y *= 1000.0);

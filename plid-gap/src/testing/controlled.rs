@@ -1,5 +1,5 @@
-//! Plants in closed loop. The true systems are integrated here in small steps. The controller is written out here,
-//! acts at the samples, and reads noisy signals.
+//! Plants in closed loop. The true systems are integrated here in small steps. The controller is also implemented here;
+//! it acts at the samples and reads noisy signals.
 
 use std::path::Path;
 
@@ -28,8 +28,8 @@ const PENDULUM: Axis = Axis { c: 0.5, k: -20.0, ..SLIDER };
 const GENTLE: [f64; 3] = [60.0, 6.0, 0.0];
 const FIRM: [f64; 3] = [120.0, 12.0, 30.0];
 
-/// Returns a controller whose states are the y of the last sample and the integral of r - y: u = p (r - y) - d (y - y
-/// before) / T + i times the integral.
+/// Returns a controller whose states are the y of the previous sample and the integral of r - y: u = p (r - y) - d (y -
+/// previous y) / T + i times the integral.
 fn controller([p, d, i]: [f64; 3]) -> Model {
     let t = 1.0 / RATE;
     let (a, b) = (dmatrix![0.0, 0.0; 0.0, 1.0], dmatrix![1.0, 0.0; -t, t]);
@@ -47,7 +47,7 @@ fn without_reference(gains: [f64; 3]) -> Model {
     model
 }
 
-/// Advances displacement and velocity over a sample in which the command is held.
+/// A function that advances displacement and velocity over one sample, in which the command is held.
 type Advance<'a> = &'a dyn Fn([f64; 2], f64) -> [f64; 2];
 
 /// Runs a loop from rest. Returns the measured displacements and the commands.
@@ -66,7 +66,7 @@ fn run(gains: [f64; 3], advance: Advance, r: &[f64], noise: &[f64]) -> [Vec<f64>
     [measured, commands]
 }
 
-/// Returns an integration over a sample by the classical Runge-Kutta method in 200 steps.
+/// Returns a function that integrates over one sample by the classical Runge-Kutta method in 200 steps.
 fn smooth(axis: Axis, force: impl Fn(f64, f64) -> f64) -> impl Fn([f64; 2], f64) -> [f64; 2] {
     const STEPS: usize = 200;
     let h = 1.0 / (RATE * STEPS as f64);
@@ -84,8 +84,8 @@ fn smooth(axis: Axis, force: impl Fn(f64, f64) -> f64) -> impl Fn([f64; 2], f64)
     }
 }
 
-/// Returns an integration with friction that holds up to 0.3 and slides at 0.2, in small steps that end at rest if
-/// the velocity changes its sign.
+/// Returns a function that integrates over one sample with friction that holds up to 0.3 and slides at 0.2. It takes
+/// small steps, and a step in which the velocity would change its sign ends at rest.
 fn sticking(axis: Axis) -> impl Fn([f64; 2], f64) -> [f64; 2] {
     const STEPS: usize = 200;
     let h = 1.0 / (RATE * STEPS as f64);
@@ -163,7 +163,8 @@ fn closed(axis: Axis, gains: [f64; 3]) -> (Plant, Setting) {
     (plant, setting)
 }
 
-/// Returns the largest relative difference between the simulation in closed loop and the integration in small steps.
+/// Returns the RMS difference between the simulation in closed loop and the integration in small steps, relative to the
+/// change of the displacement that the force causes.
 fn far(axis: Axis, gains: [f64; 3], effect: &dyn Effect, parameters: &[f64], law: fn(f64, f64) -> f64) -> f64 {
     let (plant, setting) = closed(axis, gains);
     let r = reference(7, 0.02);
@@ -177,8 +178,8 @@ fn far(axis: Axis, gains: [f64; 3], effect: &dyn Effect, parameters: &[f64], law
     rms_of(&found, &expected) / rms_of(&expected, &without)
 }
 
-/// Between two samples, the plant moves with the command held, and the controller acts only at the samples. This is
-/// tested with friction on a free slider, and with a cubic spring and friction on an inverted pendulum.
+/// Between two samples, the command is held while the plant moves, and the controller acts only at the samples. This is
+/// tested with friction and a cubic spring on a free slider and on an inverted pendulum.
 #[test]
 fn forces_within_a_loop_agree_with_small_steps() {
     fn friction(_: f64, v: f64) -> f64 {
@@ -196,7 +197,7 @@ fn forces_within_a_loop_agree_with_small_steps() {
     }
 }
 
-/// Friction that sticks, other forces at its place, and effects of the actuator.
+/// Friction that sticks, other forces at its location, and effects of the actuator.
 const RIVALS: [&str; 8] = [
     "stick-friction",
     "coulomb-friction",
@@ -213,7 +214,7 @@ fn friction_that_sticks_is_named_on_a_slider_under_control() {
     for given in [Given::References, Given::Commands] {
         let mut case = read(written(&SLIDER.simulation(), GENTLE, &sticking(SLIDER), 1e-5, given).path()).unwrap();
         if given == Given::Commands {
-            // The whole vocabulary has been searched for the references.
+            // The whole vocabulary is searched in the case with references.
             only(&mut case, &RIVALS);
         }
         let found = diagnosed(&case);
@@ -254,7 +255,8 @@ fn nothing_is_missing_from_an_exact_unstable_simulation() {
     }
 }
 
-/// A part of a record begins in motion, and the controller has states of its own, which are fitted with the others.
+/// A part of a record begins in motion. The initial states of the controller are then fitted together with those of the
+/// plant.
 #[test]
 fn a_part_of_a_record_begins_with_an_unknown_state_of_the_controller() {
     let exact = smooth(PENDULUM, |_, _| 0.0);
@@ -271,8 +273,8 @@ fn a_part_of_a_record_begins_with_an_unknown_state_of_the_controller() {
     }
 }
 
-/// The whitened noise of a loop has a variance of one at the lowest frequencies, where the controller suppresses it and
-/// the ends of the record leak, and on average over all of them.
+/// The noise in a loop, once whitened, has a variance of one on average over all frequencies. It also does at the
+/// lowest frequencies, where the controller suppresses the noise and the ends of the record leak.
 #[test]
 fn noise_in_a_loop_is_whitened() {
     use crate::noise::NoiseModel;
@@ -337,7 +339,7 @@ fn put(folder: &TempDir, law: &Model) {
     std::fs::write(folder.path().join("controller.json"), law.to_json().to_string()).unwrap();
 }
 
-/// Returns the error of a case, which arises when it is read or in its audit.
+/// Returns the error that arises when a case is read or audited.
 fn says(folder: &TempDir) -> String {
     let case = match read(folder.path()) {
         Ok(case) => case,
@@ -373,7 +375,7 @@ fn what_does_not_fit_a_loop_is_refused() {
     let straight = exact(Given::References);
     change(&straight, "sim.json", |_| {
         let sim = PENDULUM.simulation();
-        // u = v - y with y = ... - u / (p + d / T) has no solution.
+        // u = v - (p + d / T) y with y = ... - u / (p + d / T) has no solution.
         let d = DMatrix::from_element(1, 1, -1.0 / (FIRM[0] + FIRM[1] * RATE));
         Model { d, ..sim }.to_json().to_string()
     });

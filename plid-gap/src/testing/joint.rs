@@ -14,11 +14,11 @@ const SAMPLES: usize = 2500;
 /// Number of samples over which a command is held.
 const HOLD: usize = 10;
 
-/// Number of steps within a sample.
+/// Number of integration steps per sample.
 const STEPS: usize = 40;
 
-/// Stiffness of the axis, which has unit mass and a damper of `DAMPER`. The share `JOINT` of the stiffness belongs to
-/// the joint, which yields at `YIELD`. The motion has an RMS of about 0.003.
+/// Stiffness of the axis, which has unit mass and a damper of `DAMPER`. The part `JOINT` of the stiffness belongs to
+/// the joint, which yields at the displacement `YIELD`. The motion has an RMS of about 0.003.
 const SPRING: f64 = 120.0;
 const DAMPER: f64 = 14.0;
 const JOINT: f64 = 70.0;

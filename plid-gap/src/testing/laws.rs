@@ -1,4 +1,4 @@
-//! Records of a simulated truss with an effect at work, for tests of the search.
+//! Records of a simulated truss with an effect, for tests of the search.
 
 use crate::effects::{Library, Place, Setting};
 use crate::fit::free_run::run;
@@ -16,10 +16,10 @@ pub fn without(library: &Library, names: &[&str]) -> Vec<String> {
     library.effects().map(|effect| effect.name().to_owned()).filter(|name| !names.contains(&name.as_str())).collect()
 }
 
-/// Effects at the first input or at its port: the name, and the parameters for a setting.
+/// An effect at the first input or at its port: its name, and its parameters for a setting.
 pub type Acting = (&'static str, fn(&Setting) -> Vec<f64>);
 
-/// Prepares the records of an exact truss with effects at its first input and 0.2 % of noise.
+/// Prepares the records of a truss that is simulated exactly, with effects at its first input and 0.2 % of noise.
 pub fn prepared(effects: &[Acting]) -> Prepared {
     let library = Library::standard();
     let sim = truss(1);

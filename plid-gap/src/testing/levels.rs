@@ -18,7 +18,8 @@ const SAMPLES: usize = 800;
 const W: f64 = TAU * 17.0;
 const ZETA: f64 = 0.05;
 
-/// Ratio of the cubic to the linear stiffness. In the loudest record, the spring stiffens by about its own stiffness.
+/// Ratio of the cubic to the linear stiffness. In the loudest record, the cubic stiffness is about as large as the
+/// linear one.
 const CUBIC: f64 = 0.8;
 
 /// Returns the oscillator without its cubic spring, and with a port at which this spring acts.
@@ -41,7 +42,8 @@ fn oscillator() -> Model {
 fn case() -> Case {
     let sim = oscillator();
     let std = [1e-3];
-    // The mean of two neighbouring samples keeps most of the power below the fastest motion.
+    // The mean of two neighbouring samples concentrates the power of the input below the highest frequency of the
+    // motion.
     let input = |k: usize| -> Channels {
         let drawn = &random_input(k as u64 + 1, SAMPLES + 1, 1)[0];
         vec![drawn.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect()]

@@ -44,12 +44,12 @@ pub fn truss_with(seed: u64, change: impl FnOnce(&mut [(f64, f64)], &mut DMatrix
     truss.model(&mut rng)
 }
 
-/// Returns the truss of [`truss`] with other sensors, and with changed frequencies and damping ratios.
+/// Returns a [`truss`] with other sensors, and with changed frequencies and damping ratios.
 pub fn truss_sensed(seed: u64, sensor: Sensor, change: impl FnOnce(&mut [(f64, f64)])) -> Model {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut truss = Truss { sensor, ..Truss::draw(&MODES, &mut rng) };
     change(&mut truss.modes);
-    // The outputs have similar sizes for each sensor.
+    // The outputs have similar sizes for all sensors.
     truss.gamma *= match sensor {
         Sensor::Position => 1e6,
         Sensor::Velocity => 1e3,
@@ -85,8 +85,9 @@ pub fn record(u: Channels, y: Channels) -> Record {
     }
 }
 
-/// Returns a case in memory: the simulation `sim`, and records of `real` with 0.2 % of noise on each output: `quiet` of
-/// 1024 samples without input, and `random-1` to `random-3` of 3072 samples each at levels 1, 0.5 and 1.
+/// Returns a case in memory with the simulation `sim` and records of `real` with 0.2 % of noise on each output. The
+/// record `quiet` has 1024 samples without input, and `random-1` to `random-3` have 3072 samples each at levels 1, 0.5
+/// and 1.
 pub fn case(sim: &Model, real: &Model) -> Case {
     let level_one = run(real, &random_input(0, 4096, real.m()));
     let std: Vec<f64> = level_one.iter().map(|y| 0.002 * rms(y)).collect();
@@ -120,22 +121,22 @@ pub fn diagnosed_among(mut case: Case, effects: &[&str]) -> Diagnosis {
     diagnosed(&case)
 }
 
-/// Checks which effect is named first, and at which location. Returns this effect.
+/// Checks the name and the location of the first named effect. Returns this effect.
 pub fn first_is<'d>(found: &'d Diagnosis, effect: &str, location: &str) -> &'d NamedEffect {
     let first = &found.effects[0];
     assert_eq!((first.effect.as_str(), first.location.as_str()), (effect, location), "{}", found.sentence);
     first
 }
 
-/// Restricts the search to these effects and those that no free run shows. Few rivals make the search short.
+/// Restricts the search to these effects and the stochastic ones. Few rivals make the search short.
 pub fn only(case: &mut Case, effects: &[&str]) {
     let library = Library::standard();
     let others = library.effects().filter(|effect| !effect.is_stochastic() && !effects.contains(&effect.name()));
     case.config.exclude = others.map(|effect| effect.name().into()).collect();
 }
 
-/// Returns a case of an axis with a command in N and a position in m, of [`four_records`] at levels 1, 0.5 and 1. `run`
-/// gives the outputs for the inputs of a record, to which 0.5 % of noise is added.
+/// Returns a case of [`four_records`] of an axis at levels 1, 0.5 and 1, with a command in N and a position in m. `run`
+/// computes the outputs for the inputs of a record, and 0.5 % of noise is added to them.
 pub fn case_of_axis(sim: &Model, input: impl Fn(usize) -> Channels, run: impl Fn(&Channels) -> Channels) -> Case {
     let std = [0.005 * rms(&run(&input(0))[0])];
     let measure = |k: usize, u: &Channels| {
@@ -156,8 +157,8 @@ pub fn add_noise(y: &mut Channels, seed: u64, std: &[f64]) {
     }
 }
 
-/// Adds a share of the product of each of two outputs with the other one's past, 40 samples ago: an imperfection that
-/// no effect explains. `size` holds the RMS values of the outputs.
+/// Adds to each of two outputs a share of its product with the other output 40 samples earlier: an imperfection that no
+/// effect explains. `size` holds the RMS values of the outputs.
 pub fn add_products(y: &mut Channels, share: f64, size: &[f64]) {
     let earlier = y.clone();
     for (o, y) in y.iter_mut().enumerate() {
@@ -167,8 +168,8 @@ pub fn add_products(y: &mut Channels, share: f64, size: &[f64]) {
 }
 
 /// Returns a case of the simulation and of four records: `quiet` without input, and `random-1` to `random-3` at these
-/// levels. `input` gives the inputs of a record (from 0) at level one, and `measure` the outputs for its inputs. The
-/// case declares sensor noise of these standard deviations.
+/// levels. `input` gives the inputs of a record (numbered from 0) at level one, and `measure` gives the outputs for the
+/// inputs of a record. The case declares sensor noise of these standard deviations.
 pub fn four_records(
     sim: &Model,
     std: &[f64],

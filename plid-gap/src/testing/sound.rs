@@ -1,4 +1,4 @@
-//! Simulations that lack nothing, or only a state: their declared noise is wrong, or they were fitted to one part of
+//! Simulations that lack nothing, or only a state. Their declared noise is wrong, or they were fitted to one part of
 //! the records and are tested on another.
 
 use std::path::Path;
@@ -19,8 +19,7 @@ const SAMPLES: usize = 2000;
 /// Number of samples over which a command is held.
 const HOLD: usize = 15;
 
-/// Returns a thermal plant of three bodies in a row with these time constants in s, measured by a thermometer at 1
-/// Hz.
+/// Returns a thermal plant of bodies in a row with these time constants in s, measured by a thermometer at 1 Hz.
 fn oven(time_constants: &[f64]) -> Model {
     let n = time_constants.len();
     let turn = |k: usize| (-1.0 / time_constants[k]).exp();
@@ -53,8 +52,8 @@ fn case(plant: &Model) -> Case {
     })
 }
 
-/// The declared noise is 0.7 or 1.4 times the true noise. With a quiet record, the only finding may be a sensor
-/// noisier than declared; without such a record, nothing is missing.
+/// The declared noise is 0.7 or 1.4 times the true noise. The only finding may be a sensor that is noisier than
+/// declared, and only with a quiet record. Without such a record, nothing is missing.
 #[test]
 fn a_wrong_declared_noise_is_no_effect() {
     for factor in [0.7, 1.4] {
@@ -73,8 +72,8 @@ fn a_wrong_declared_noise_is_no_effect() {
     }
 }
 
-/// The thermometer does not read zero when the oven is at rest. Without a simulation, this level is part of the
-/// linear model, and the prediction from rest begins there.
+/// The thermometer does not read zero when the oven is at rest. Without a simulation, this level is part of the linear
+/// model, and a prediction from rest begins at this level.
 #[test]
 fn a_level_is_part_of_the_model_of_the_records() {
     let plant = oven(&[40.0, 12.0]);
@@ -98,7 +97,7 @@ fn a_level_is_part_of_the_model_of_the_records() {
 }
 
 /// A model with one state too few is identified from a record that is set aside. Its errors on the other records look
-/// like a lag and a gain, but these leave a larger remainder than a third state.
+/// like a lag and a gain, but these effects leave a larger remainder than a third state does.
 #[test]
 fn one_state_too_few_is_no_effect() {
     for (states, verdict) in [(2, Verdict::Unknown), (3, Verdict::None)] {

@@ -1,5 +1,5 @@
-//! A small structure for tests, with modes, actuators and filters. Its equations are written here in physical form,
-//! as a check of the modal form. They use nothing of this crate.
+//! A small structure for tests, with modes, actuators and filters. Its equations are written here in physical form, as
+//! a check of the modal form, and use no code of this crate.
 
 use std::f64::consts::TAU;
 
@@ -24,7 +24,7 @@ pub enum Sensor {
 }
 
 /// A structure with q" + 2 zeta w q' + w^2 q = beta a for each mode and a' = pole (u - a) for each actuator. Sensors
-/// have a filter of two poles.
+/// have a two-pole filter.
 #[derive(Debug, Clone)]
 pub struct Truss {
     /// Frequencies in Hz and damping ratios.
@@ -35,13 +35,13 @@ pub struct Truss {
     pub gamma: DMatrix<f64>,
     /// Poles of the actuators in Hz.
     pub actuators_hz: Vec<f64>,
-    /// Frequency of the filters in Hz; without them the motion is measured directly.
+    /// Frequency of the filters in Hz. Without filters, the motion is measured directly.
     pub filter_hz: Option<f64>,
     /// The sensor of all outputs.
     pub sensor: Sensor,
 }
 
-/// dx/dt = a x + b u + force f of each port, y = c x + output f.
+/// The equations dx/dt = a x + b u + the sum of force f over the ports, and y = c x + the sum of output f.
 #[derive(Debug, Clone)]
 pub struct Equations {
     /// State matrix (n x n).
@@ -109,7 +109,8 @@ impl Truss {
             b[(acting + i, i)] = TAU * hz;
         }
         for o in 0..p {
-            // The measured motion is a function of the states and, for an acceleration, directly of the force.
+            // The measured motion is a function of the states and, for an acceleration, also a direct function of the
+            // force.
             let mut motion = DVector::zeros(n);
             let mut at_once = vec![0.0; m];
             for k in 0..q {

@@ -1,4 +1,4 @@
-//! Records of which none shows the noise level, because the process is disturbed while it is driven, and it is always
+//! Records of which none shows the noise level. The process is disturbed whenever it is driven, and it is always
 //! driven.
 
 use nalgebra::dmatrix;
@@ -11,17 +11,17 @@ use crate::testing::{random_input, record};
 
 const SAMPLES: usize = 1500;
 
-/// Length of a step of the input in samples.
+/// Length in samples of a step of the input.
 const HOLD: usize = 5;
 
-/// Returns a process of two time constants, with the temperature after both as its output.
+/// Returns a process with two time constants, whose output is the temperature after both.
 fn process() -> Model {
     let (a, b) = (dmatrix![0.9, 0.05; 0.0, 0.8], dmatrix![0.02; 0.2]);
     Model::new(1.0, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap()
 }
 
-/// Returns a case of two records that are driven by steps. `bend` is added to the input in each step, as a function of
-/// the input and of the first state.
+/// Returns a case of two records that are driven by steps. At each sample, `bend`, a function of the input and of the
+/// first state, is added to the input.
 fn case(seed: u64, disturbance: f64, bend: fn(f64, f64) -> f64) -> Case {
     let model = process();
     let measured = |k: u64| {
@@ -45,7 +45,7 @@ fn case(seed: u64, disturbance: f64, bend: fn(f64, f64) -> f64) -> Case {
     Case { config, model, records, for_simulation: Vec::new(), controller: None, warnings: Vec::new() }
 }
 
-/// A disturbance that the inputs do not predict is noise, whatever its size and colour. The same gap is not noise if
+/// A disturbance that the inputs do not predict is noise, whatever its size and spectrum. The same gap is not noise if
 /// it is due to a product of input and output, which no effect of the vocabulary contains.
 #[test]
 fn a_disturbance_is_noise_and_a_product_is_not() {
@@ -66,7 +66,7 @@ fn a_disturbance_is_noise_and_a_product_is_not() {
     }
 }
 
-/// The corner of a limit is found together with its level.
+/// The sharpness of a limit is found together with its level.
 #[test]
 fn a_sharp_limit_of_the_command_is_named() {
     let limited = case(5, 0.001, |u: f64, _| u.clamp(-0.9, 0.9) - u);

@@ -24,7 +24,8 @@ pub struct CorrelationTest {
     pub degrees_of_freedom: usize,
     /// Probability of a statistic at least as large under the null hypothesis.
     pub p_value: f64,
-    /// Lags at which the value exceeds its bound; under the null hypothesis a fraction 1 - confidence of them does.
+    /// Lags at which the value exceeds its bound. Under the null hypothesis, a fraction 1 - confidence of all lags is
+    /// expected.
     pub outside: Vec<i64>,
     /// Confidence level of the bounds and of the test, such as 0.99.
     pub confidence: f64,

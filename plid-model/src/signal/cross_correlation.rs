@@ -30,9 +30,9 @@ const WEAK_DIRECTION: f64 = 1e-3;
 /// and column j of `inputs` (`samples x m`).
 ///
 /// The bounds are Bartlett's for two independent series, var r(lag) = sum_k rho_e(k) rho_u(k) / N (Box and Jenkins,
-/// Time Series Analysis, section 12.1.3), so that coloured residuals with a coloured input are not mistaken for a model
-/// error. The test statistic is r^T V^{-1} r with Bartlett's covariances V between the lags; its degrees of freedom are
-/// the directions of V that carry variance. Missing samples are excluded from all sums.
+/// Time Series Analysis, section 12.1.3), so that coloured residuals with a coloured input are not mistaken for a
+/// model error. The test statistic is r^T V^{-1} r with Bartlett's covariances V between the lags. It has one degree
+/// of freedom for each direction of V that carries variance. Missing samples are excluded from all sums.
 ///
 /// # Errors
 /// Returns [`SignalError::TooShort`] with fewer samples than four times the lags, [`SignalError::Constant`],
@@ -68,7 +68,7 @@ pub fn cross_correlation(
     Ok(residuals.iter().map(|e| inputs.iter().map(|u| one_pair(e, u, options, quantile)).collect()).collect())
 }
 
-/// A centred series with the sums of products of its past.
+/// A centred series with its sums of products at each lag.
 struct Series {
     value: Vec<f64>,
     /// sum_t x_t x_{t+k} for k = 0, 1, ...
@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn lags_worked_by_hand() {
-        // The residual is the input of two samples before, so lag 2 and no other must exceed its bound.
+        // The residual is the input delayed by two samples, so lag 2 must exceed its bound and few other lags may.
         let u = white(31, 4000, 1);
         let e = Array2::from_shape_fn((4000, 1), |(k, _)| if k > 1 { u[[k - 2, 0]] } else { 0.0 });
         let options = CrossCorrelationOptions { first_lag: -5, ..Default::default() };

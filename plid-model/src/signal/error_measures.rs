@@ -89,7 +89,7 @@ struct OutputSums {
     samples: usize,
     errors: f64,
     squares: f64,
-    /// The first sample, from which the next two sums are taken so that they keep their digits.
+    /// The first sample, which is subtracted from the samples in the next two sums to avoid cancellation.
     first: f64,
     from_first: f64,
     from_first_squares: f64,
@@ -104,7 +104,7 @@ impl ErrorSums {
     /// Adds samples of `predicted` against `measured` (both `samples x p`), as in [`error_measures`].
     ///
     /// # Errors
-    /// Returns the errors of [`error_measures`] except [`SignalError::TooShort`].
+    /// Returns [`SignalError::LengthMismatch`] or [`SignalError::ChannelMismatch`].
     pub fn add(&mut self, measured: ArrayView2<f64>, predicted: ArrayView2<f64>) -> Result<(), SignalError> {
         check_rows("the predicted output", predicted, measured.nrows())?;
         for (what, found) in [("the measured output", measured.ncols()), ("the predicted output", predicted.ncols())] {

@@ -14,8 +14,9 @@ pub struct WelchFrf {
     pub frequency_hz: Vec<f64>,
     /// `lines x outputs x inputs`: H1 = S_yu S_uu^{-1}, in output units per input unit.
     pub response: Array3<Complex64>,
-    /// Standard deviation of |H| from output noise (`lines x outputs x inputs`); the real and imaginary parts have the
-    /// same. It does not include the bias of a frequency resolution that is too coarse for a resonance.
+    /// Standard deviation of |H| from output noise (`lines x outputs x inputs`), which is also that of the real and
+    /// of the imaginary part. It does not include the bias of a frequency resolution that is too coarse for a
+    /// resonance.
     pub response_std: Array3<f64>,
     /// Multiple coherence (`lines x outputs`): the fraction of the output's power that all inputs together explain.
     pub multiple_coherence: Array2<f64>,
@@ -38,7 +39,8 @@ pub struct WelchFrf {
     pub averages: f64,
 }
 
-/// The inputs at a line count as linearly dependent if a squared Cholesky pivot of the scaled S_uu is below this.
+/// The inputs at a line count as linearly dependent if a squared diagonal entry of the Cholesky factor of the scaled
+/// S_uu is below this.
 const DEPENDENT: f64 = 1e-10;
 
 /// Estimates the H1 frequency response from `inputs` (`samples x m`) to `outputs` (`samples x p`). The inputs may be
@@ -93,8 +95,8 @@ pub fn welch_frf(
     let strongest: Vec<f64> = (0..m).map(|j| frf.input_density.column(j).fold(0.0, |a: f64, b| a.max(*b))).collect();
     for line in 0..lines {
         let density = spectra.density.slice(s![line + 1, .., ..]);
-        // The inverse does not exist if an input has no power at this line, that is, less than rounding errors of its
-        // peak.
+        // The inverse does not exist if an input has no power at this line, that is, less than the rounding errors of
+        // its peak.
         if (0..m).any(|j| density[[j, j]].re <= 1e-28 * strongest[j]) {
             continue;
         }

@@ -140,9 +140,9 @@ fn resolve(averages: &[PeriodAverage], period: usize) -> (Vec<Resolved>, usize) 
     (kept, lines_unresolved)
 }
 
-/// Returns the RMS of the difference between periods for each output, which is the noise level of a periodic record.
-/// `outputs` is `samples x p`; the first `transient` periods are discarded. A missing sample excludes only that sample
-/// of that period.
+/// Returns the RMS deviation of the periods from their mean for each output, which is the noise level of a periodic
+/// record. `outputs` is `samples x p`; the first `transient` periods are discarded. A missing sample excludes only
+/// that sample of that period.
 ///
 /// # Errors
 /// Returns [`SignalError::TooShort`] with fewer than two whole periods, [`SignalError::Infinite`] or

@@ -31,7 +31,7 @@ pub struct Spectra {
     pub averages: f64,
 }
 
-/// Entries of the density matrices of all lines, with the default segment length.
+/// Largest number of entries in the density matrices of all lines, with the default segment length.
 const MOST_ENTRIES: usize = 1 << 22;
 /// Smallest segment length in samples.
 const SHORTEST_SEGMENT: usize = 8;
@@ -108,7 +108,8 @@ pub(super) fn joint_spectra(arrays: &[ArrayView2<f64>], options: &WelchOptions) 
     })
 }
 
-/// Adds the cross-periodograms of a windowed segment without its mean. `spectrum` (channels x lines) is overwritten.
+/// Adds the cross-periodograms of a segment after its mean is removed and the window is applied. `spectrum` (channels
+/// x lines) is overwritten.
 fn add_periodogram(
     segment: &[ArrayView2<f64>],
     window: &[f64],
@@ -138,7 +139,7 @@ fn hann(length: usize) -> Vec<f64> {
 
 fn default_segment_length(samples: usize, channels: usize) -> usize {
     let mut length = SHORTEST_SEGMENT;
-    // A segment of twice this length has `length` lines.
+    // A segment of twice this length has `length` + 1 lines.
     while length * 2 <= samples / 8 && length * channels * channels <= MOST_ENTRIES {
         length *= 2;
     }

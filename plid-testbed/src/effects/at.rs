@@ -1,8 +1,8 @@
-//! The kinds of place of effects: how many places each has, and how a diagnosis states one.
+//! The kinds of places at which effects act: the places of each kind, and their notation in a diagnosis.
 
 use crate::INPUTS;
 
-/// A kind of place, with the notation of a config's list for one.
+/// A kind of place, with an example of its notation in a config's list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum At {
     /// The port of an input, inside the structure: `u1`.
@@ -17,21 +17,21 @@ pub enum At {
     Output,
     /// From one output into another: `y1->y3`.
     OutputPair,
-    /// The port of an input, `u1`, at which a disturbance acts; a diagnosis finds it by its frequency, the second of
-    /// its parameters.
+    /// The port of an input, `u1`, at which a disturbance acts. A diagnosis identifies the disturbance by its
+    /// frequency, which is the second of its parameters.
     Disturbance,
     /// A mode by its number: `m4`.
     Mode,
-    /// A mode that the simulation lacks. It is in no list, so nothing is written for it.
+    /// A mode that the simulation lacks. It is not in the list of modes, so its place is not written.
     NewMode,
-    /// The structure as a whole, or all channels together; nothing is written for it.
+    /// The structure as a whole, or all channels together. This place is not written.
     Whole,
 }
 
-/// The numbers of the truss's dominant modes, at which effects of a mode are drawn.
+/// The numbers of the truss's dominant modes, at which modal effects are drawn.
 const DOMINANT_MODES: std::ops::RangeInclusive<usize> = 4..=7;
 
-/// Relative distance at which a stated frequency still means the label's: of a mode, of a disturbance.
+/// Relative distance within which a stated frequency means that of the label, for a mode and for a disturbance.
 const SAME_MODE: f64 = 0.05;
 const SAME_FREQUENCY: f64 = 0.1;
 
@@ -42,8 +42,8 @@ impl At {
         matches!(self, Self::InputPair | Self::OutputPair)
     }
 
-    /// Returns every such place of a truss with these numbers of inputs and outputs, of modes the dominant ones. `None`
-    /// stands for a place that is not written.
+    /// Returns every place of this kind on a truss with these numbers of inputs and outputs. Of the modes, only the
+    /// dominant ones count. `None` stands for a place that is not written.
     #[must_use]
     pub fn places(self, inputs: usize, outputs: usize) -> Vec<Option<String>> {
         let single = |letter: char, count: usize| (1..=count).map(move |i| Some(format!("{letter}{i}")));
@@ -63,9 +63,9 @@ impl At {
         }
     }
 
-    /// Returns whether a location, as a diagnosis states it (`input:u2`, `port:strut2`, `output:y1->y3`, `mode:168.2`,
-    /// `freq:120.0 port:strut1`), means the place of a label's effect: its number from 0, its parameters, and the
-    /// frequency of its mode in Hz.
+    /// Returns whether a location, as a diagnosis states it (`input:u2`, `port:strut2`, `output:y1->y3`,
+    /// `mode:168.2`, `freq:120.0 port:strut1`), means the place of a label's effect. The label gives the number of
+    /// this place from 0, the parameters of the effect, and the frequency of its mode in Hz.
     #[must_use]
     pub fn is_meant(self, location: &str, loc: usize, par: &[f64], hz: f64) -> bool {
         let (kind, at) = location.split_once(':').unwrap_or((location, ""));
@@ -87,7 +87,7 @@ impl At {
             Self::OutputPair => pair('y'),
             Self::Disturbance => par.get(1).is_some_and(|hz| near(*hz, SAME_FREQUENCY)),
             Self::Mode | Self::NewMode => near(hz, SAME_MODE),
-            // There is only one.
+            // There is only one such place.
             Self::Whole => true,
         }
     }

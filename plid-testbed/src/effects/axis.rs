@@ -12,7 +12,7 @@ use crate::plant::{Truss, altered, assemble};
 use crate::structure::{Mode, ModeGroup};
 use crate::{ACTUATOR_POLE_HZ, INPUTS};
 
-/// Samples a second.
+/// Samples per second.
 const RATE: f64 = 500.0;
 const STEPS: usize = 32;
 
@@ -26,7 +26,7 @@ fn config(effect: &str) -> TrussConfig {
     TrussConfig { sample_rate_hz: RATE, effects, ..TrussConfig::default() }
 }
 
-/// Position and velocity at the samples, from a start, of an axis of unit inertia with an effect and a command.
+/// Returns position and velocity at the samples, from an initial state, of an axis with an effect and a command.
 fn run(axes: Axes, effect: &str, start: [f64; 2], samples: usize, command: impl Fn(usize) -> f64) -> Vec<[f64; 2]> {
     let config = config(effect);
     let truss = altered(&config, &assemble(&config, Plant::of_axes(axes)));
@@ -56,11 +56,12 @@ fn friction_holds_up_to_its_limit() {
     // 1.1 V in 1100 samples.
     let moved = run(slider(), STICKS, [0.0; 2], 1300, |k| k as f64 / 1100.0 * 1.1);
     assert!(moved[..1100].iter().all(|[d, v]| d.abs() < 1e-15 && v.abs() < 1e-15));
-    // Without the fall of the friction it would have 0.5 V/s t^2 / 2 after 0.2 s.
+    // Without the fall of the friction, the velocity after 0.2 s would be 0.5 V/s t^2 / 2 = 0.01 V/s.
     assert!(moved[1200][1] > 0.01, "{:?}", moved[1200]);
 }
 
-/// A sliding axis is braked by Fc and stops after v^2 / (2 Fc), to the order of a step, and stays there.
+/// The friction Fc brakes a sliding axis, which stops after v^2 / (2 Fc), up to the length of a step, and stays
+/// there.
 #[test]
 fn friction_stops_what_slides() {
     let law = "kind = \"stick-friction\"\nslides_v = 0.8\nholds_v = 0.8\ntransition_v_per_s = 0.02";
@@ -71,7 +72,7 @@ fn friction_stops_what_slides() {
     assert!((moved[300][1] - (1.0 - 0.8 * 300.0 / RATE)).abs() < 1e-4, "{:?}", moved[300]);
 }
 
-/// A hard stop without a damper gives the speed back, after half a period of the bounce.
+/// A hard stop without a damper returns the speed, after half a period of the bounce.
 #[test]
 fn a_stop_gives_the_speed_back() {
     let w: f64 = TAU * 20.0;
@@ -80,10 +81,10 @@ fn a_stop_gives_the_speed_back() {
     let deepest = moved[..80].iter().fold(0.0_f64, |most, [d, _]| most.max(*d));
     assert!((deepest - (0.1 + 1.0 / w)).abs() < 1e-4, "{deepest}");
     assert!((moved[100][1] + 1.0).abs() < 1e-3, "{:?}", moved[100]);
-    // 0.1 s there, pi / w on the stop, and then back.
+    // 0.1 s to the stop, pi / w on it, and then back.
     let expected = 0.1 - (100.0 / RATE - 0.1 - PI / w);
     assert!((moved[100][0] - expected).abs() < 1e-3, "{:?}, not {expected}", moved[100]);
-    // On the other side there is one too, or none.
+    // There is another stop on the other side, or none if the stop is one-sided.
     assert!(moved.iter().all(|[d, _]| *d > -0.12) && moved.iter().any(|[d, _]| *d < -0.1), "{moved:?}");
     let one = law.replace("end-stop", "one-sided-stop");
     assert!(run(slider(), &one, [0.0, 1.0], 200, |_| 0.0).iter().any(|[d, _]| *d < -0.09));
@@ -91,7 +92,7 @@ fn a_stop_gives_the_speed_back() {
     assert!((run(slider(), &below, [0.0, 1.0], 200, |_| 0.0)[199][1] - 1.0).abs() < 1e-9);
 }
 
-/// A damper that would pull an axis back to a stop it leaves does not.
+/// The damper of a stop does not pull back an axis that leaves the stop.
 #[test]
 fn a_stop_never_pulls() {
     let law = "kind = \"end-stop\"\nstiffness = 1000.0\ndamping_s = 200.0\ngap_v = 0.1";
@@ -99,7 +100,7 @@ fn a_stop_never_pulls() {
     assert!(moved.windows(2).skip(150).all(|w| w[1][1] <= w[0][1] + 1e-12), "it is held back");
 }
 
-/// Within the gap a joint is free, and beyond it the spring is what it was, from the edge of the gap on.
+/// Within the gap, the joint is free. Beyond it, the original spring acts from the edge of the gap.
 #[test]
 fn backlash_frees_the_joint() {
     let w: f64 = TAU * 10.0;
@@ -111,7 +112,7 @@ fn backlash_frees_the_joint() {
     assert!((largest - (0.1 + 1.0 / w)).abs() < 1e-4, "{largest}");
 }
 
-/// T / T0 = 1 + a^2 / 16 + 11 a^4 / 3072 + 173 a^6 / 737280 for a pendulum that swings by a.
+/// A pendulum that swings by a has T / T0 = 1 + a^2 / 16 + 11 a^4 / 3072 + 173 a^6 / 737280.
 #[test]
 fn a_pendulum_swings_more_slowly_the_farther_it_swings() {
     let w: f64 = TAU;
@@ -134,7 +135,7 @@ fn poles(truss: &Truss) -> Vec<f64> {
     sizes
 }
 
-/// A mass, a damper and a spring at a port are those of an axis that has them itself.
+/// A mass, a damper or a spring at a port has the same effect as one that belongs to the axis.
 #[test]
 fn a_load_is_the_axis_with_more_of_it() {
     let axis = |m: f64, c: f64, k: f64| {
@@ -143,7 +144,7 @@ fn a_load_is_the_axis_with_more_of_it() {
         axes.drive = vec![2.0];
         axes
     };
-    // Forces are in V, of which each pushes with 2.
+    // Forces are in V, and each volt pushes with a force of 2.
     for (effect, heavier) in [
         ("kind = \"added-mass\"\nmass_s2 = 0.25", axis(1.5, 3.0, 90.0)),
         ("kind = \"added-damping\"\ndamping_s = 0.5", axis(1.0, 4.0, 90.0)),
@@ -165,7 +166,7 @@ fn a_load_is_the_axis_with_more_of_it() {
     }
 }
 
-/// A mass at the strut of a truss of one mode, which has the unit modal mass b^2 as seen from there.
+/// A mass at the strut of a truss with one mode, whose unit modal mass appears there as a mass of 1 / b^2.
 #[test]
 fn a_mass_lowers_the_frequency_of_a_mode() {
     let mode = Mode {
@@ -175,12 +176,12 @@ fn a_mass_lowers_the_frequency_of_a_mode() {
         output_shape: [0.2, 0.1, 0.0],
         group: ModeGroup::Dominant,
     };
-    // In V a displacement of 1 is b^2 / w^2 in the mode's units, so the inertia is 1 / w^2.
+    // A displacement of 1 V is b^2 / w^2 in the mode's units, so the inertia in V is 1 / w^2.
     let w = mode.angular_frequency();
     let config = config(&format!("kind = \"added-mass\"\nmass_s2 = {}", 0.44 / (w * w)));
     let truss = assemble(&config, Plant::of_modes(vec![mode], [ACTUATOR_POLE_HZ; INPUTS]));
     let (before, after) = (poles(&truss), poles(&altered(&config, &truss)));
     assert!((before[0] / w - 1.0).abs() < 1e-9 && (after[0] * 1.2 / w - 1.0).abs() < 1e-9, "{before:?}, {after:?}");
-    // The actuators' poles and the filters' stay.
+    // The poles of the actuators and the filters do not change.
     assert!(before[2..].iter().zip(&after[2..]).all(|(a, b)| (a / b - 1.0).abs() < 1e-9));
 }

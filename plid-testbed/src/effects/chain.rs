@@ -1,4 +1,4 @@
-//! The places in the chain where effects act, in the order in which a record meets them.
+//! The places in the signal chain at which effects act, in their order in a record.
 
 use ndarray::Array2;
 use rand_chacha::ChaCha12Rng;
@@ -8,26 +8,27 @@ use crate::plant::{StrutPort, Truss};
 
 /// A force inside the structure, integrated in continuous time together with it.
 pub(crate) trait StructureEffect {
-    /// Adds its share of dx/dt at time `t_s` (since the first record began). States of its own follow those of the
-    /// truss in `x` and `rate`.
+    /// Adds its contribution to dx/dt at time `t_s` (since the first record began). In `x` and `rate`, the states of
+    /// the effects follow those of the truss.
     fn add_rate(&self, t_s: f64, x: &[f64], rate: &mut [f64]);
 
-    /// Adds what a force that is not a function of the state, such as one that holds a body still, does to the state
-    /// over the last `_h_s` seconds, which `_x` has already gone through without it.
+    /// Adds the change of the state over the last `_h_s` seconds by a force that is not a function of the state, such
+    /// as one that holds a body still. On entry, `_x` is the state at the end of these seconds without this force.
     fn settle(&self, _h_s: f64, _x: &mut [f64]) {}
 
-    /// Takes note of the state at the end of a step of `_h_s` seconds, if the force depends on where the motion has
-    /// been, or on chance.
+    /// Records the state at the end of a step of `_h_s` seconds, if the force depends on the history of the motion or
+    /// on chance.
     fn end_step(&mut self, _h_s: f64, _x: &[f64]) {}
 }
 
 /// A change of the voltages between amplifier and actuator pole.
 pub(crate) trait ActuatorEffect {
-    /// `u` holds the voltages of one sample, constant over each piece of it (their mean where they are not).
+    /// Changes `u`, the voltages of one sample: constant over each piece of the sample, or the mean if a voltage is
+    /// not constant.
     fn apply(&mut self, span: &Span, u: &mut [[f64; INPUTS]]);
 }
 
-/// A change of the samples (K x p), before the sensor noise or behind the ADC.
+/// A change of the samples (K x p), before the sensor noise or after the ADC.
 pub(crate) trait SensorEffect {
     fn apply(&mut self, clock: Clock, y: &mut Array2<f64>);
 }
@@ -55,7 +56,7 @@ impl Clock {
 
 /// A sample and its pieces.
 pub(crate) struct Span<'a> {
-    /// The time since the first record began, s.
+    /// Start of the sample, s since the first record began.
     pub start_s: f64,
     pub sample_s: f64,
     /// Where the pieces begin and end, as shares of the sample: 0, ..., 1.
@@ -63,7 +64,7 @@ pub(crate) struct Span<'a> {
 }
 
 impl Span<'_> {
-    /// Length of each piece, s.
+    /// Returns the length of each piece, s.
     pub(crate) fn lengths_s(&self) -> impl Iterator<Item = f64> + '_ {
         self.edges.windows(2).map(|w| (w[1] - w[0]) * self.sample_s)
     }
@@ -86,12 +87,12 @@ pub(crate) struct Chain {
     pub actuator: Vec<Box<dyn ActuatorEffect>>,
     /// The fractions of a sample at which a voltage jumps.
     pub jumps: Vec<f64>,
-    /// Whether a voltage moves within the sample.
+    /// Whether a voltage changes within the sample.
     pub moves_within: bool,
     pub sensor: Vec<Box<dyn SensorEffect>>,
     /// Number of samples after the last one that a sensor effect needs.
     pub look_ahead: usize,
-    /// Effects behind the ADC.
+    /// Effects after the ADC.
     pub codes: Vec<Box<dyn SensorEffect>>,
     /// Forces, each with the input along whose strut it acts.
     pub forces: Vec<(usize, Box<dyn Disturbance>)>,
@@ -154,7 +155,7 @@ impl<F: FnMut(f64, f64) -> f64> SensorEffect for Samples<F> {
     }
 }
 
-/// A row of the truss's states times a state that may be longer.
+/// Multiplies a row over the states of the truss by a state vector, which may be longer.
 pub(crate) fn dot(row: &[f64], x: &[f64]) -> f64 {
     row.iter().zip(x).map(|(row, x)| row * x).sum()
 }

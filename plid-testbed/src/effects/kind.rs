@@ -1,4 +1,5 @@
-//! What an effect states about itself, beside its law, so that cases with it can be drawn and their answers compared.
+//! The description of an effect in addition to its law, from which cases with the effect are drawn and their answers
+//! compared.
 
 use std::ops::Range;
 
@@ -29,7 +30,7 @@ pub enum Family {
     NonlinearSensor,
     /// Linear laws of a sensor.
     LinearSensor,
-    /// What a sensor adds to its signal.
+    /// Signals that a sensor adds.
     AddedBySensor,
     /// Changes with time.
     Time,
@@ -41,12 +42,12 @@ pub enum Family {
     Added,
 }
 
-/// The half of the effects outside the vocabulary to which one of them belongs.
+/// The half to which an effect outside the vocabulary belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
-    /// That with which the diagnosis was developed.
+    /// The half with which the diagnosis was developed.
     Development,
-    /// That for trials that are reported: nothing was developed with it.
+    /// The half for reported trials, with which nothing was developed.
     Reported,
 }
 
@@ -76,12 +77,13 @@ impl Family {
     }
 }
 
-/// What a plant has that an effect needs to make sense: a motor has no spring to stiffen, and a beam has no encoder.
+/// A property of a plant that an effect needs to make sense. For example, a motor has no spring to stiffen, and a
+/// beam has no encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum On {
-    /// Modes, accelerometers, and up to three channels. Loads, stops and friction that sticks are not asked about
-    /// there: a mass, a damper or a spring is what it does to the frequencies and damping ratios of all modes, and
-    /// nothing on a structure swings or runs against a stop.
+    /// Modes, accelerometers, and up to three channels. Loads, stops and friction that sticks are not considered
+    /// there: the effect of a mass, a damper or a spring is contained in the frequencies and damping ratios of all
+    /// modes, and nothing on a structure swings or runs against a stop.
     Structure,
     /// An axis, whose motion can be resisted.
     Axis,
@@ -89,17 +91,18 @@ pub enum On {
     Position,
     /// An elastic joint.
     Joint,
-    /// An axis that gravity turns.
+    /// An axis on which gravity exerts a torque.
     Swing,
-    /// A command that becomes a torque. With one input and one output, a gain, a lag or a delay of the sensor is
-    /// equivalent, and is not asked about.
+    /// A command that becomes a force or a torque. With one input and one output, a gain, a lag or a delay of the
+    /// sensor is equivalent to that of the actuator, and is not considered.
     Command,
-    /// A gain of the command that no other parameter of the axis equals. Without a damper or a spring a gain is a mass.
+    /// A gain of the command that is not equivalent to another parameter of the axis. Without a damper and a spring,
+    /// a gain is equivalent to a mass.
     Gain,
     /// The reference of a controller.
     Reference,
-    /// A sensor that no controller reads. At rates so far above the motion, a few samples that are lost hardly make a
-    /// gap.
+    /// A sensor that no controller reads. The sample rates are so far above the motion that the loss of a few samples
+    /// hardly causes a gap.
     Sensor,
     /// Several channels.
     Channels,
@@ -110,7 +113,7 @@ impl On {
     pub(crate) const EVERY: &[Self] = &[Self::Structure, Self::Axis];
 }
 
-/// An effect as a draw of cases sees it.
+/// The description of an effect for the draw of cases.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kind {
     /// Its name in configs, specs and labels; outsiders' begin with `x-`.
@@ -119,14 +122,15 @@ pub struct Kind {
     pub family: Family,
     /// Its kind of place.
     pub at: At,
-    /// The plants on which it makes sense: those that have one of these.
+    /// The plants on which it makes sense: those that have at least one of these properties.
     pub on: &'static [On],
-    /// The names of its parameters in the vocabulary's equation, in the order of a label. The index of the other
-    /// channel of a pair, which follows the first of them in a label, has none, and outsiders have none.
+    /// The names of its parameters in the vocabulary's equation, in the order of a label. In a label, the index of
+    /// the other channel of a pair follows the first parameter; this index has no name. The parameters of outsiders
+    /// have no names, either.
     pub parameters: &'static [&'static str],
     /// Other laws of the same physics, which differ in shape from the vocabulary's own equation.
     pub near_misses: &'static [&'static str],
-    /// The numbers of these laws' shapes that are drawn from families.
+    /// The numbers of the shapes of these laws that are drawn from families.
     pub shapes: &'static [Shape],
     /// The least number of inputs of a case with it.
     pub least_inputs: usize,
@@ -144,47 +148,47 @@ impl Kind {
     }
 }
 
-/// What a built-in effect states about itself: the contents of its [`Kind`], and how it starts.
+/// The description of a built-in effect: the contents of its [`Kind`], and its initial parameters.
 pub(crate) trait Described: Law {
     /// Its family.
     const FAMILY: Family;
     /// Its kind of place.
     const AT: At;
-    /// What a plant must have one of.
+    /// The properties of which a plant must have at least one.
     const ON: &'static [On];
-    /// The names of its parameters; none of an outsider. Unit tests compare their number with [`Law::parameters`].
+    /// The names of its parameters; none for an outsider. Unit tests compare their number with [`Law::parameters`].
     const PARAMETERS: &'static [&'static str] = &[];
     /// Its other laws, as a config's list names them.
     const NEAR_MISSES: &'static [&'static str] = &[];
-    /// The numbers of these laws' shapes, with the ranges from which they are drawn.
+    /// The numbers of the shapes of these laws, with the ranges from which they are drawn.
     const SHAPES: &'static [Shape] = &[];
-    /// The least numbers of channels: two for a pair.
+    /// The least numbers of channels; two for a pair.
     const LEAST_INPUTS: usize = if matches!(Self::AT, At::InputPair) { 2 } else { 1 };
     const LEAST_OUTPUTS: usize = if matches!(Self::AT, At::OutputPair) { 2 } else { 1 };
     /// Whether it is one of the small imperfections that every structure has.
     const IMPERFECTION: bool = false;
 
-    /// Returns the effect's keys in a config's list except `kind`, `at` and `law`: parameters of some strength, which
-    /// the draw of a case then changes by [`Law::strengthen`]. The order of its random numbers is part of the meaning
-    /// of a seed.
+    /// Returns the effect's keys in a config's list except `kind`, `at` and `law`. They contain parameters of an
+    /// initial strength, which the draw of a case then changes with [`Law::strengthen`]. The order of the random
+    /// numbers is part of the meaning of a seed.
     fn start(draw: &mut Draw<'_>) -> Value;
 }
 
-/// The case in which an effect starts.
+/// The case for which an effect is drawn.
 pub(crate) struct Draw<'a> {
     /// The plant without effects.
     pub truss: &'a Truss,
     /// Modes at which modal effects are drawn, from 0.
     pub dominant: Range<usize>,
-    /// The mode that the plant has and `truss` lacks, if the case is drawn for one.
+    /// The mode that the plant has and `truss` lacks, if an effect of the case needs one.
     pub left_out: Option<&'a Mode>,
     /// The channel of the effect's place, from 0; the first if it has none.
     pub channel: usize,
-    /// What there is at this channel without effects.
+    /// The RMS values at this channel without effects.
     pub level: Level,
     /// A sign drawn at random.
     pub sign: f64,
-    /// The shapes that are drawn.
+    /// The set from which shapes are drawn.
     pub families: Families,
     /// Further random numbers.
     pub rng: &'a mut ChaCha12Rng,
@@ -202,7 +206,7 @@ impl Draw<'_> {
     }
 }
 
-/// An effect of the table: its description, and how it starts.
+/// An effect of the table: its description, and the source of its initial parameters.
 #[derive(Clone, Copy)]
 pub(crate) struct Entry {
     pub kind: Kind,
@@ -216,7 +220,7 @@ enum Start {
 }
 
 impl Entry {
-    /// The entry of a built-in effect, as its own file describes it.
+    /// Creates the entry of a built-in effect from the description in its own file.
     pub(crate) const fn built_in<E: Described>(name: &'static str) -> Self {
         let kind = Kind {
             name,
@@ -233,7 +237,7 @@ impl Entry {
         Self { kind, start: Start::BuiltIn(E::start) }
     }
 
-    /// The entry of an effect that the program has added. It makes sense on every plant.
+    /// Creates the entry of an effect that the program has added. Such an effect makes sense on every plant.
     pub(crate) fn added(truth: &'static dyn Truth) -> Self {
         let kind = Kind {
             name: truth.name(),

@@ -18,21 +18,21 @@ pub(crate) struct Plant {
 }
 
 impl Plant {
-    /// A structure of modes.
+    /// Creates a structure of modes.
     pub(crate) fn of_modes(modes: Vec<Mode>, poles_hz: [f64; crate::INPUTS]) -> Self {
         Self { modes, axes: None, poles_hz }
     }
 
-    /// Axes without actuator poles.
+    /// Creates axes without actuator poles.
     pub(crate) fn of_axes(axes: Axes) -> Self {
         Self { modes: Vec::new(), axes: Some(axes), poles_hz: [f64::INFINITY; crate::INPUTS] }
     }
 
-    /// Multiplies the gain from commands to outputs.
+    /// Multiplies the gain from commands to outputs by `gain`.
     pub(crate) fn amplified(mut self, gain: f64) -> Self {
         let scale = gain.sqrt();
         for mode in &mut self.modes {
-            // Both shapes of every mode alike.
+            // Both shapes of every mode are scaled alike.
             mode.input_shape.iter_mut().for_each(|b| *b *= scale);
             mode.output_shape.iter_mut().for_each(|c| *c *= scale);
         }
@@ -46,7 +46,7 @@ impl Plant {
 /// A force that is linear in the motion of a port: f = -m dv/dt - c v - k d.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Load {
-    /// The input whose port it is, from 0.
+    /// The input at whose port the load acts, from 0.
     pub port: usize,
     /// m, V s^2/V.
     pub mass: f64,
@@ -56,13 +56,14 @@ pub(crate) struct Load {
     pub stiffness: f64,
 }
 
-/// What a law changes of one mode, which a simulation may also be off in: the logarithm of the factor.
+/// The change of one mode by a law, as the logarithm of a factor. The errors of a simulation may change a mode in the
+/// same way.
 pub(crate) enum ModeChange {
     Frequency(f64),
     Damping(f64),
 }
 
-/// The limits that the values of an effect must satisfy.
+/// The limits against which the values of an effect are checked.
 pub(crate) struct Limits {
     pub sample_rate_hz: f64,
     /// End of the last record, s.
@@ -85,12 +86,12 @@ pub(crate) trait Law {
     /// Changes the linear plant.
     fn alter(&self, _plant: &mut Plant) {}
 
-    /// Returns the mass, damping and stiffness that it adds to a port's own.
+    /// Returns the mass, damping and stiffness that the effect adds at a port.
     fn load(&self) -> Option<Load> {
         None
     }
 
-    /// Returns what it changes of the mode at its place, if that is all it does.
+    /// Returns the change of the mode at its place, if the effect changes nothing else.
     fn mode_change(&self) -> Option<ModeChange> {
         None
     }
@@ -98,8 +99,8 @@ pub(crate) trait Law {
     /// Adds the effect to a record's chain.
     fn install(&self, _site: Site, _chain: &mut Chain) {}
 
-    /// Makes the effect stronger by a factor. Its response grows with the factor, to first order in proportion where
-    /// the law allows that.
+    /// Makes the effect stronger by a factor. The response grows with the factor, and is proportional to it to first
+    /// order where the law allows that.
     fn strengthen(&mut self, factor: f64);
 
     /// Returns its place for a label: an input, output or mode from 0; the number of inputs stands for all inputs.

@@ -1,13 +1,13 @@
-//! Effects that the nominal linear time-invariant model lacks, one file for each.
+//! Effects that the nominal linear time-invariant model lacks, with one file per effect.
 //!
-//! The file has the type of the effect with two traits. `Described` is what draws of cases and their labels need to
-//! know, such as its family, its kind of place and the plants on which it makes sense; everything else reads it from
-//! the table of these. A further effect is its file, the two lines that declare and export it (`mod` and `pub use`),
-//! and one line of the list `effects!` below.
+//! Each file contains the type of its effect, which implements two traits. `Described` holds what draws of cases and
+//! their labels need, such as the family of the effect, its kind of place and the plants on which it makes sense. All
+//! other code reads these facts from the table of effects. A new effect needs its file, the two lines that declare
+//! and export it (`mod` and `pub use`), and one line in the list `effects!` below.
 //!
-//! An effect is a `Law`: it changes the linear plant, or takes its place in the chain of a record: between
+//! The other trait is `Law`: an effect changes the linear plant, or acts in the chain of a record, either between
 //! amplifier and actuator pole, inside the structure (integrated in continuous time together with it), on the samples
-//! before the sensor noise, or behind the ADC. Effects at one place act in the order of the list. All internal states
+//! before the sensor noise, or after the ADC. Effects at one place act in the order of the list. All internal states
 //! are zero at the start of a record; clocks and phases run on.
 
 pub mod actuator;
@@ -47,8 +47,8 @@ use crate::streams::{Purpose, stream};
 /// The built-in effects, each with its name in the vocabulary; outsiders' names begin with `x-`.
 macro_rules! effects {
     ($($kind:literal = $module:ident::$effect:ident;)*) => {
-        /// An effect of the list. In TOML a table with its `kind`, its place `at` and its parameters; many take another
-        /// `law` of the same physics than the vocabulary's own.
+        /// An effect of the list. In TOML, it is a table with its `kind`, its place `at` and its parameters. Many
+        /// effects accept a `law` of the same physics other than the vocabulary's own.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(tag = "kind")]
         #[allow(missing_docs)] // Each is documented where it is defined.
@@ -73,7 +73,7 @@ macro_rules! effects {
                 }
             }
 
-            /// Its name in the vocabulary; outsiders' begin with `x-`.
+            /// Returns its name in the vocabulary; outsiders' names begin with `x-`.
             #[must_use]
             pub fn kind(&self) -> &'static str {
                 match self {
@@ -83,13 +83,13 @@ macro_rules! effects {
             }
         }
 
-        /// What every built-in effect states about itself, in the order of the list.
+        /// The description of every built-in effect, in the order of the list.
         const BUILT_IN: &[Entry] = &[$(Entry::built_in::<$module::$effect>($kind)),*];
     };
 }
 
-// The one list of built-in effects. Trials draw them in this order, so it is part of the meaning of a seed: first the
-// vocabulary as far as it is drawn on structures, then the rest of it, then the outsiders.
+// The only list of built-in effects. Trials draw effects in this order, so it is part of the meaning of a seed: first
+// the part of the vocabulary that is drawn on structures, then the rest of it, then the outsiders.
 effects! {
     "cubic-stiffness" = structure::CubicStiffness;
     "quadratic-stiffness" = structure::QuadraticStiffness;
@@ -161,7 +161,7 @@ pub(crate) fn entry(name: &str) -> Option<Entry> {
     entries().find(|entry| entry.kind.name == name)
 }
 
-/// Returns every effect: the vocabulary, the outsiders, and then what the program has added.
+/// Returns every effect: the vocabulary, the outsiders, and then the effects that the program has added.
 #[must_use]
 pub fn kinds() -> Vec<Kind> {
     entries().map(|entry| entry.kind).collect()
@@ -183,8 +183,8 @@ impl Effect {
         Effect::ActuatorGain(actuator::ActuatorGain { at: Input(0), gain: 1.0 })
     }
 
-    /// Makes it stronger by a factor. Its response grows with the factor, to first order in proportion where the law
-    /// allows that.
+    /// Returns the effect made stronger by a factor. The response grows with the factor, and is proportional to it to
+    /// first order where the law allows that.
     #[must_use]
     pub fn strengthened(&self, factor: f64) -> Self {
         let mut stronger = self.clone();
@@ -217,7 +217,7 @@ impl Effect {
     }
 }
 
-/// Returns the effects of a config in one list: first the two that have their own keys.
+/// Returns the effects of a config in one list, beginning with the two that have their own keys.
 fn list(config: &EffectsConfig) -> Vec<Effect> {
     let mut effects = Vec::new();
     if config.stiffness_drift_per_s != 0.0 {
@@ -244,7 +244,7 @@ pub(crate) fn check(config: &EffectsConfig, limits: &Limits) -> Result<(), Testb
     })
 }
 
-/// Changes the linear plant as the effects of a checked config do.
+/// Applies the linear effects of a checked config to the plant.
 pub(crate) fn alter(config: &EffectsConfig, plant: &mut Plant) {
     list(config).iter().for_each(|effect| effect.law().alter(plant));
 }

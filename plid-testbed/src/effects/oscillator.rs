@@ -1,5 +1,5 @@
-//! Tests of the forces at a strut on a truss of one mode, whose free motion is known in closed form to first order: in
-//! volts, d" + 2 zeta w d' + w^2 (d - f) = 0.
+//! Tests of the forces at a strut of a truss with one mode. Its free motion is known in closed form to first order:
+//! in volts, d" + 2 zeta w d' + w^2 (d - f) = 0.
 
 use std::f64::consts::PI;
 
@@ -14,10 +14,10 @@ use crate::{ACTUATOR_POLE_HZ, INPUTS};
 
 const HZ: f64 = 100.0;
 const W: f64 = 2.0 * PI * HZ;
-/// Samples a second: 40 a period.
+/// Samples per second: 40 per period.
 const RATE: f64 = 4000.0;
 
-/// Displacement at the samples from `start` (V) at rest, for an undamped mode with one effect.
+/// Returns the displacement at the samples of an undamped mode with one effect, released at rest from `start` (V).
 fn free(effect: &str, start: f64, samples: usize) -> Vec<f64> {
     #[derive(serde::Deserialize)]
     struct One {
@@ -52,7 +52,7 @@ fn free(effect: &str, start: f64, samples: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Frequency between the first and the last upward crossing of the mean, Hz.
+/// Returns the frequency between the first and the last upward crossing of the mean, Hz.
 fn frequency(d: &[f64]) -> f64 {
     let mean = (d.iter().fold(f64::MIN, |a, b| a.max(*b)) + d.iter().fold(f64::MAX, |a, b| a.min(*b))) / 2.0;
     let crossings: Vec<f64> = (1..d.len())
@@ -62,7 +62,8 @@ fn frequency(d: &[f64]) -> f64 {
     RATE * (crossings.len() - 1) as f64 / (crossings[crossings.len() - 1] - crossings[0])
 }
 
-/// Amplitude at the end of each period: from displacement and its neighbours, for the samples may miss the peak.
+/// Returns the amplitude at the end of each period, from the displacement and its neighbours, because the samples may
+/// miss the peak.
 fn amplitudes(d: &[f64], frequency_hz: f64) -> Vec<f64> {
     let step = 2.0 * PI * frequency_hz / RATE;
     let period = (RATE / frequency_hz).round() as usize;
@@ -117,8 +118,9 @@ fn a_gap_does_nothing_within_and_is_a_spring_far_beyond() {
     assert!((frequency(&beyond) / HZ / 1.1_f64.sqrt() - 1.0).abs() < 1e-3);
 }
 
-/// A cycle of amplitude A loses 4 R A^(3 + chi) / ((2 + chi) (3 + chi)) (Segalman 2005), and a mode w^2 times
-/// that. A joint that the plant has as a spring leaves the frequency where it is while it slips little.
+/// In a cycle of amplitude A, a joint dissipates 4 R A^(3 + chi) / ((2 + chi) (3 + chi)) (Segalman 2005), and a mode
+/// loses w^2 times that. If the plant already contains the joint as a spring, the frequency does not change while the
+/// joint slips little.
 #[test]
 fn an_iwan_joint_takes_a_power_of_the_amplitude_from_each_period() {
     let (k, slip, chi) = (0.002, 3.0_f64, -0.4);
@@ -140,8 +142,9 @@ fn an_iwan_joint_takes_a_power_of_the_amplitude_from_each_period() {
     assert!((stiff("held = 1.0", 1e-4) / 0.9_f64.sqrt() - 1.0).abs() < 1e-3);
 }
 
-/// The area of the steady loop of z over the displacement, in closed form: z unloads straight from -Z to 0 over Z, then
-/// follows dy (1 - exp(-x / dy)) over the L left of the stroke 2 A. A mode loses w^2 k times that in a period.
+/// The area of the steady loop of z over the displacement is known in closed form: z unloads linearly from -Z to 0
+/// over Z, then follows dy (1 - exp(-x / dy)) over the remaining length L of the stroke 2 A. A mode loses w^2 k times
+/// this area in a period.
 #[test]
 fn joint_hysteresis_takes_the_area_of_its_loop_from_each_period() {
     let (k, dy, stroke) = (0.002, 0.5, 2.0);
@@ -159,7 +162,7 @@ fn joint_hysteresis_takes_the_area_of_its_loop_from_each_period() {
         let loss = pair[0] - pair[1];
         assert!((loss / expected - 1.0).abs() < 0.05, "{loss}, {expected}");
     }
-    // Long before it yields it is a spring.
+    // Long before it yields, the joint is a spring.
     let small = free(&format!("kind = \"joint-hysteresis\"\nstiffness = 0.1\nyield_v = {}", 1e4), 2.0, 4000);
     assert!((frequency(&small) / HZ / 1.1_f64.sqrt() - 1.0).abs() < 1e-3);
 }

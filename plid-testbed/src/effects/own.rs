@@ -1,8 +1,8 @@
-//! Effects of a program's own: the truth of an effect that the testbed does not have.
+//! Effects that a program defines itself: the truth of an effect that the testbed does not have.
 //!
 //! A program adds a [`Truth`] at its start. Configs and specs then name it as they name a built-in effect, and the
-//! testbed simulates it. The truth states only what happens in the plant; its diagnosis is separate code, so
-//! that neither can be wrong in the other's favour.
+//! testbed simulates it. The truth states only what happens in the plant. Its diagnosis is separate code, so that
+//! neither can hide an error of the other.
 
 use std::sync::{PoisonError, RwLock};
 
@@ -15,7 +15,7 @@ use super::place::{Input, Output};
 use crate::config::finite;
 use crate::error::TestbedError;
 
-/// The part of the plant that an effect acts in.
+/// The part of the plant in which an effect acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// The port of an input, inside the structure.
@@ -27,7 +27,7 @@ pub enum Side {
 }
 
 impl Side {
-    /// The kind of its places.
+    /// Returns the kind of its places.
     pub(crate) fn at(self) -> At {
         match self {
             Self::Port => At::Port,
@@ -44,12 +44,12 @@ pub enum Action {
     /// The voltage between amplifier and actuator pole, from the voltage without the effect.
     Voltage(Box<dyn Fn(f64) -> f64>),
     /// The sample before the sensor noise, from the sample without the effect and its time since the first record
-    /// began. The samples of a record come in order, so that the function may have a memory.
+    /// began. The samples of a record come in order, so the function may have a memory.
     Sample(Box<dyn FnMut(f64, f64) -> f64>),
 }
 
-/// RMS values in the held-out record at the place of an effect, without any effect: those of the input's port for a
-/// port or an actuator, and that of the output for a sensor. The commands of that record have about 1 V RMS.
+/// RMS values in the held-out record at the place of an effect, without any effect: those of the port of the input
+/// for a port or an actuator, and that of the output for a sensor. The commands of that record have about 1 V RMS.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Level {
     /// Displacement of the port, V.
@@ -62,21 +62,21 @@ pub struct Level {
 
 /// The truth of an effect, as the testbed simulates it.
 pub trait Truth: Send + Sync {
-    /// Returns the name of the effect in configs, specs and labels: that of the diagnosis's vocabulary.
+    /// Returns the name of the effect in configs, specs and labels, which is that in the vocabulary of the diagnosis.
     fn name(&self) -> &'static str;
 
-    /// Returns the part of the plant that it acts in; its places are the inputs or the outputs.
+    /// Returns the part of the plant in which it acts. Its places are the inputs or the outputs.
     fn side(&self) -> Side;
 
     /// Returns the names of its parameters, in the order of the diagnosis's equation.
     fn parameters(&self) -> &'static [&'static str];
 
-    /// Returns parameters of some size, which the draw of a case scales by [`Truth::strengthen`], by positive factors,
-    /// until they make the gap asked for.
+    /// Returns initial parameters. The draw of a case scales them with [`Truth::strengthen`], by positive factors,
+    /// until they cause the requested gap.
     fn start(&self, level: &Level) -> Vec<f64>;
 
-    /// Makes the effect stronger by a factor. Its response grows with the factor, to first order in proportion. By
-    /// default the first parameter is multiplied.
+    /// Makes the effect stronger by a factor. The response grows with the factor, and is proportional to it to first
+    /// order. By default, the first parameter is multiplied by the factor.
     fn strengthen(&self, parameters: &mut [f64], factor: f64) {
         parameters[0] *= factor;
     }
@@ -87,8 +87,8 @@ pub trait Truth: Send + Sync {
         &[]
     }
 
-    /// Returns the action of the effect in a record that begins now: by the diagnosis's equation, or by the law that is
-    /// named, one of [`Truth::near_misses`]. It must be an action of its [`Truth::side`].
+    /// Returns the action of the effect in a record that begins now. It follows the diagnosis's equation, or the
+    /// named law, which is one of [`Truth::near_misses`]. It must be an action of the effect's [`Truth::side`].
     fn act(&self, law: Option<&str>, parameters: &[f64]) -> Action;
 }
 
@@ -97,7 +97,7 @@ static TRUTHS: RwLock<Vec<&'static dyn Truth>> = RwLock::new(Vec::new());
 /// Adds an effect to those that configs and specs may name, for as long as the process runs.
 ///
 /// # Panics
-/// Panics if there is an effect of this name, or if the effect has no parameter.
+/// Panics if there is already an effect of this name, or if the effect has no parameter.
 pub fn add(truth: impl Truth + 'static) {
     let name = truth.name();
     assert!(!super::is_built_in(name) && name != OWN, "the testbed has a `{name}` already");
@@ -122,11 +122,12 @@ pub fn all() -> Vec<&'static dyn Truth> {
 /// The `kind` of every added effect in a config's list.
 pub(crate) const OWN: &str = "own";
 
-/// The name of an added effect. Under this alias serde does not take it for a reference into the text that is read.
+/// The name of an added effect. With this alias, serde does not treat the name as a reference into the text that is
+/// read.
 type Name = &'static str;
 
-/// An effect that a program has added, as a config's list has it: with its name, its place, its parameters and, for a
-/// near miss, its law.
+/// An effect that a program has added, in the notation of a config's list: with its name, its place, its parameters
+/// and, for a near miss, its law.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Written", into = "Written")]
 pub struct Own {
@@ -138,7 +139,7 @@ pub struct Own {
     law: Option<Name>,
 }
 
-/// The keys of an effect of a program's own.
+/// The keys of an effect that a program has added.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Written {

@@ -1,10 +1,10 @@
-//! Where an effect acts, as a user writes it: `u2`, `all`, `y1`, `u1->u3`, `m5`.
+//! The place of an effect, as a user writes it: `u2`, `all`, `y1`, `u1->u3`, `m5`.
 
 use serde::{Deserialize, Serialize};
 
 use crate::{INPUTS, OUTPUTS};
 
-/// A text that names no place of the kind asked for.
+/// A text that does not name a place of the requested kind.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("this effect cannot act at `{text}`: it takes {expected}")]
 pub struct BadPlace {
@@ -12,7 +12,7 @@ pub struct BadPlace {
     expected: &'static str,
 }
 
-/// The number behind the letter, from 0; at most `most` of them exist.
+/// Returns the number after the letter, counted from 0; the text counts from 1 to `most`.
 fn numbered(text: &str, letter: char, most: usize) -> Option<usize> {
     let number: usize = text.strip_prefix(letter)?.parse().ok()?;
     (1..=most).contains(&number).then(|| number - 1)
@@ -51,7 +51,7 @@ impl From<Input> for String {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Inputs {
-    /// One, from 0.
+    /// One input, from 0.
     One(usize),
     /// Every input alike.
     All,

@@ -1,5 +1,5 @@
-//! A law in a config's list: `law = "stribeck"`, or with numbers for its shape `law = { stribeck = { speed = 7.0 } }`.
-//! Numbers that are left out have their fixed values.
+//! The notation of a law in a config's list: `law = "stribeck"`, or with numbers for its shape `law = { stribeck = {
+//! speed = 7.0 } }`. Numbers that are left out have their fixed values.
 
 use serde::de::{DeserializeOwned, Error as _};
 use serde::ser::Error as _;
@@ -8,13 +8,13 @@ use serde_json::{Value, json};
 
 use super::family::Shape;
 
-/// The laws of one physics.
+/// The laws of the same physics.
 pub(crate) trait Laws: Serialize + DeserializeOwned {
-    /// The numbers of those whose shapes form families.
+    /// The numbers of the laws whose shapes form families.
     const SHAPES: &'static [Shape];
 }
 
-/// Writes a law by its name alone where its numbers have their fixed values.
+/// Writes a law by its name alone if its numbers have their fixed values.
 pub(crate) fn serialize<L: Laws, S: Serializer>(law: &L, serializer: S) -> Result<S::Ok, S::Error> {
     let written = serde_json::to_value(law).map_err(S::Error::custom)?;
     let fixed = |shape: &Shape| written[shape.law][shape.number] == shape.fixed;

@@ -1,4 +1,4 @@
-//! What a plant has: its channels, and that for which an effect makes sense on it.
+//! The properties of a plant: its channels, and the properties that decide which effects make sense on it.
 
 use super::spec::{Channels, PlantKind};
 use crate::effects::{self, On};
@@ -38,7 +38,7 @@ impl PlantKind {
         }
     }
 
-    /// Returns what it has of that for which effects make sense.
+    /// Returns the properties of the plant on which effects depend.
     fn has(self) -> &'static [On] {
         use On::{Axis, Channels, Command, Gain, Joint, Position, Reference, Sensor, Swing};
         match self {

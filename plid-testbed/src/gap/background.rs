@@ -30,13 +30,13 @@ pub(crate) struct Background {
     pub gap: f64,
 }
 
-/// The small imperfections of some kinds of place, in the order of the table.
+/// Returns the small imperfections of some kinds of places, in the order of the table.
 fn imperfections(at: &[At]) -> Vec<Kind> {
     effects::kinds().into_iter().filter(|kind| kind.imperfection && at.contains(&kind.at)).collect()
 }
 
-/// Chances of a second effect at a place, of a law other than the effect's own, of a drift of the structure, and of a
-/// disturbance.
+/// Probabilities of a second effect at a place, of a law other than the effect's own, of a drift of the structure,
+/// and of a disturbance.
 const SECOND: f64 = 0.5;
 const OTHER_LAW: f64 = 0.5;
 const DRIFTS: f64 = 0.7;
@@ -44,9 +44,10 @@ const DISTURBED: f64 = 0.3;
 /// Standard deviation of the logarithm of a size, and the largest share of the joint gap that one effect may have.
 const SPREAD: f64 = 0.7;
 const LARGEST_SHARE: f64 = 0.5;
-/// Samples of the held-out record on which one effect is sized. The joint gap is then set on all of it.
+/// Number of samples of the held-out record with which one effect is sized. The joint gap is then set on the whole
+/// record.
 const EXCERPT: usize = 1000;
-/// Between which the modes are drawn that the simulation lacks, Hz: above the excited band and below half the sample
+/// Range from which the frequencies of missing modes are drawn, Hz: above the excited band and below half the sample
 /// rate.
 const RESIDUAL_HZ: Range<f64> = 420.0..0.475 * STRUCTURE_HZ;
 
@@ -61,15 +62,15 @@ pub(crate) struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// Where the strength of the effect of this number in the case's list is tried.
+    /// Returns the bench on which the strength of the effect of this number in the case's list is tried.
     pub(crate) fn bench(&self, number: usize) -> Bench<'_> {
         let measured = self.spec.channels.outputs;
         Bench { config: self.config, truss: &self.drawn.base, planned: self.held_out, measured, number }
     }
 }
 
-/// Draws small effects of random kind, place and size that make the gap `spec.imperfections` together. None has both
-/// kind and place of a main effect.
+/// Draws small effects of random kind, place and size that cause the gap `spec.imperfections` together. None of them
+/// has both the kind and the place of a main effect.
 pub(crate) fn drawn(scene: &Scene<'_>, main: &[Effect]) -> Result<Background, GapError> {
     let target = scene.spec.imperfections;
     if target == 0.0 {
@@ -101,7 +102,7 @@ pub(crate) fn drawn(scene: &Scene<'_>, main: &[Effect]) -> Result<Background, Ga
     together(scene, main.len(), &sized)
 }
 
-/// All of them, strengthened by one factor so that they make the gap asked for together.
+/// Strengthens all effects by one factor, so that they cause the requested gap together.
 fn together(scene: &Scene<'_>, before: usize, sized: &[(Effect, f64)]) -> Result<Background, GapError> {
     let at = |factor: f64| sized.iter().map(|(effect, _)| effect.strengthened(factor)).collect::<Vec<_>>();
     let bench = scene.bench(before);
@@ -112,14 +113,15 @@ fn together(scene: &Scene<'_>, before: usize, sized: &[(Effect, f64)]) -> Result
     }
     let effects = at(factor);
     let (base, nominal) = (&scene.drawn.base, &scene.drawn.nominal);
-    // To first order each grows with the factor; its own gap is that of the excerpt.
+    // To first order, each gap grows with the factor. The gap of each effect alone is that on the excerpt.
     let label =
         |(effect, (_, alone)): (&Effect, &(Effect, f64))| labelled(effect, *alone, factor * alone, base, nominal);
     let labels = effects.iter().zip(sized).map(label).collect();
     Ok(Background { effects, labels, gap })
 }
 
-/// One or two effects at each strut, actuator and sensor, and what acts on the whole structure.
+/// Draws one or two effects at each strut, actuator and sensor, and possibly a drift of the structure and a
+/// disturbance.
 fn wanted(channels: Channels, rng: &mut ChaCha12Rng) -> Vec<EffectSpec> {
     let mut wanted = Vec::new();
     for (places, letter, count) in [
@@ -159,7 +161,7 @@ fn of_kind(kind: &Kind, at: Option<String>, rng: &mut ChaCha12Rng) -> EffectSpec
     EffectSpec { kind: kind.name.to_owned(), at, law, gap: 1.0 }
 }
 
-/// A mode above the band, with shapes of the size of the others'.
+/// Draws a mode above the band, with shapes of the same size as those of the other modes.
 fn residual_mode(modes: &[Mode], rng: &mut ChaCha12Rng) -> Effect {
     let mean = |entries: &dyn Fn(&Mode) -> [f64; 3]| -> f64 {
         let squares: f64 = modes.iter().flat_map(entries).map(|entry| entry * entry).sum();
@@ -180,7 +182,7 @@ fn normal(rng: &mut ChaCha12Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// Shares of the joint gap, whose squares add up to about one.
+/// Draws shares of the joint gap, whose squares add up to about one.
 fn sizes(count: usize, rng: &mut ChaCha12Rng) -> Vec<f64> {
     let sizes: Vec<f64> = (0..count).map(|_| (SPREAD * normal(rng)).exp()).collect();
     let all = sizes.iter().map(|size| size * size).sum::<f64>().sqrt();

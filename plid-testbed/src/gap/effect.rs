@@ -14,7 +14,7 @@ use crate::INPUTS;
 use crate::effects::{At, Draw, Effect, Kind, entry};
 use crate::streams::{Purpose, stream};
 
-/// The effect of a spec; unspecified values are drawn.
+/// Returns the effect of a spec. Values that the spec does not give are drawn.
 pub(crate) fn drawn(
     seed: u64,
     index: usize,
@@ -43,7 +43,8 @@ pub(crate) fn drawn(
         return Err(wrong(format!("a case of {inputs} inputs and {outputs} outputs has no `{at}`")));
     }
     let channel = at.as_deref().map_or(0, first_number);
-    // Drawn for every effect, so that no seed's numbers depend on whether an effect has a sign.
+    // The sign is drawn for every effect, so that the numbers of a seed do not depend on whether an effect has a
+    // sign.
     let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
     let mut keys = entry.start(&mut Draw {
         truss: &drawn.base,
@@ -62,13 +63,13 @@ pub(crate) fn drawn(
     serde_json::from_value(Value::Object(keys)).map_err(|e| wrong(e.to_string()))
 }
 
-/// The channel in `u2`, `y1->y3` or `m4`, from 0; a wrong place is found when the effect is made.
+/// Returns the channel in `u2`, `y1->y3` or `m4`, from 0. A wrong place is found when the effect is made.
 fn first_number(place: &str) -> usize {
     let digit = place.chars().nth(1).and_then(|c| c.to_digit(10)).unwrap_or(1);
     (digit as usize).clamp(1, INPUTS) - 1
 }
 
-/// Why an effect cannot be where there are so few channels.
+/// Returns the reason if an effect needs more channels than there are.
 fn lacking(kind: &Kind, channels: Channels) -> Option<String> {
     let needed = [(kind.least_inputs, channels.inputs, "inputs"), (kind.least_outputs, channels.outputs, "outputs")];
     let word = |count: usize| ["no", "one", "two", "three"][count];
@@ -76,7 +77,7 @@ fn lacking(kind: &Kind, channels: Channels) -> Option<String> {
     Some(format!("it needs {} {what}, and the case has {}", word(least), word(there)))
 }
 
-/// Whether a case has the channels of a place; an invalid place is found when the effect is made.
+/// Returns whether a case has the channels of a place. An invalid place is found when the effect is made.
 fn is_there(at: &str, channels: Channels) -> bool {
     at.split("->").all(|part| {
         let most = match part.chars().next() {
@@ -101,7 +102,7 @@ fn random_place(
     };
     match place {
         At::Port | At::Input | At::Disturbance => Some(format!("u{}", rng.random_range(1..=inputs))),
-        // All of one input is that input.
+        // With one input, `all` is that input.
         At::InputOrAll if inputs == 1 => Some("u1".to_owned()),
         At::InputOrAll => Some(match rng.random_range(1..=inputs + 1) {
             all if all > inputs => "all".to_owned(),
@@ -122,14 +123,14 @@ mod tests {
     use crate::gap::spec::PlantKind;
     use crate::gap::{config, excitation, plant, plants, with_effects};
 
-    /// Starts an effect in a short case, and checks its values on that plant.
+    /// Draws an effect in a short case, and checks its values on that plant.
     fn started(seed: u64, plant: PlantKind, kind: &Kind, at: Option<&str>, law: Option<&str>) -> Effect {
         let wanted =
             EffectSpec { kind: kind.name.to_owned(), at: at.map(str::to_owned), law: law.map(str::to_owned), gap: 0.1 };
         of_family(seed, plant, &wanted, Families::Fixed)
     }
 
-    /// Starts an effect with a shape of a family.
+    /// Draws an effect with a shape of a family.
     fn of_family(seed: u64, plant: PlantKind, wanted: &EffectSpec, families: Families) -> Effect {
         let effects = vec![wanted.clone()];
         let spec = GapSpec { effects, plant, channels: plant.channels(), length: 0.1, families, ..GapSpec::default() };
@@ -146,8 +147,8 @@ mod tests {
         effect
     }
 
-    /// Each effect starts with valid values on the first plant that takes it, at each of its places, and on every other
-    /// one. It has the stated number of parameters, of which the last may be left out.
+    /// Each effect starts with valid values at each of its places on the first plant that takes it, and on every
+    /// other such plant. It has the stated number of parameters, of which the last may be left out.
     #[test]
     fn what_effects_state_about_themselves_agrees_with_their_laws() {
         for kind in kinds().into_iter().filter(|kind| kind.family.is_built_in()) {
@@ -177,7 +178,7 @@ mod tests {
         }
     }
 
-    /// The numbers of each shape that some draws give to a near miss.
+    /// Returns the numbers that some draws give to each shape of a near miss.
     fn numbers(kind: &Kind, law: &str, families: Families) -> Vec<(&'static Shape, f64)> {
         let plant = *PlantKind::ALL.iter().find(|plant| plant.takes(kind.name)).unwrap();
         let (name, law) = (kind.name.to_owned(), law.to_owned());
@@ -193,8 +194,8 @@ mod tests {
         drawn.collect()
     }
 
-    /// Every law other than the vocabulary's own has a shape that is drawn, in development and in what is reported from
-    /// different intervals, and a label has it.
+    /// Every law other than the vocabulary's own has a shape that is drawn. Development and reported trials draw it
+    /// from different intervals, and a label contains it.
     #[test]
     fn shapes_are_drawn_from_the_half_that_is_named() {
         let within =
@@ -216,13 +217,13 @@ mod tests {
                 }
                 all.sort_by(f64::total_cmp);
                 all.dedup();
-                // No two of the first eight draws are alike; a draw from both halves may be one of these.
+                // The first eight draws all differ; a draw from both halves may equal one of them.
                 assert!(all.len() >= 8, "{}, {law}: {all:?}", kind.name);
             }
         }
     }
 
-    /// What has no law of another name has a family too: the multiples of a hum, and the width of a random force.
+    /// Two effects without another law have families, too: the multiples of a hum, and the width of a random force.
     #[test]
     fn harmonics_and_widths_are_drawn_from_the_half_that_is_named() {
         let drawn = |kind: &str, key: &str, families: Families| -> Vec<Value> {

@@ -14,19 +14,19 @@ use crate::input::{low_passed, scaled_to};
 use crate::record::convert;
 use crate::streams::{Purpose, stream};
 
-/// How a record was excited.
+/// The excitation of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Excitation {
-    /// Not at all.
+    /// No excitation.
     Zero,
     /// Gaussian noise below a cut-off frequency, which is 200 Hz for structures.
     Random {
         /// RMS of each input, V.
         level_v: f64,
     },
-    /// Periods of a multisine of odd lines with random phases, 1 V RMS.
+    /// Periods of a multisine with odd lines and random phases, 1 V RMS.
     Periodic {
-        /// Samples of a period.
+        /// Number of samples in a period.
         period: usize,
     },
 }
@@ -34,9 +34,9 @@ pub enum Excitation {
 /// A record before it is taken.
 pub(crate) struct Planned {
     pub excitation: Excitation,
-    /// As the DAC gives them; zero where the case has no input.
+    /// Commands as the DAC gives them; zero where the case has no input.
     pub commands: Array2<f64>,
-    /// Which record it is, from 0.
+    /// The number of the record, from 0.
     pub index: usize,
     /// Samples since the first record began.
     pub start: usize,
@@ -44,18 +44,18 @@ pub(crate) struct Planned {
 }
 
 impl Planned {
-    /// Its first samples.
+    /// Returns the record cut to its first `samples` samples.
     pub(crate) fn excerpt(&self, samples: usize) -> Self {
         let commands = self.commands.slice(s![..samples.min(self.commands.nrows()), ..]).to_owned();
         Self { commands, ..*self }
     }
 }
 
-/// The least number of the highest line of the multisine, however short its period.
+/// The number of the highest line of the multisine is at least this, however short the period is.
 const LEAST_HIGHEST: usize = 9;
 const PERIODS: usize = 6;
 
-/// The records of a case and the held-out one after them.
+/// Returns the records of a case, followed by the held-out one.
 pub(crate) fn schedule(seed: u64, spec: &GapSpec, rig: &Rig) -> Vec<Planned> {
     let samples = |full: usize| (full as f64 * spec.length).round() as usize;
     let random = |level_v| (Excitation::Random { level_v }, samples(6400));
@@ -104,7 +104,8 @@ fn prime_from(least: usize) -> usize {
     (least.max(2)..).find(is_prime).expect("there are infinitely many")
 }
 
-/// Of each five odd lines one is left out at random: a response at that line is not caused by the line itself.
+/// Returns the odd lines, except for one of every five, which is left out at random. A response at a line that is
+/// left out is not caused by that line itself.
 fn lines(full: [usize; 2], period: usize, seed: u64, index: usize) -> Vec<usize> {
     let mut rng = stream(seed, Purpose::Excitation, (index << 8) | INPUTS);
     let [lowest, highest] = full.map(|line| line * period / PERIOD);
@@ -120,7 +121,7 @@ fn lines(full: [usize; 2], period: usize, seed: u64, index: usize) -> Vec<usize>
 fn multisine(period: usize, lines: &[usize], mut rng: rand_chacha::ChaCha12Rng, samples: usize) -> Vec<f64> {
     let phases: Vec<f64> = lines.iter().map(|_| 2.0 * PI * rng.random::<f64>()).collect();
     let at = |k: usize| -> f64 {
-        // The product modulo the period keeps the angle small and every period the same bits.
+        // The product modulo the period keeps the angle small, and gives every period the same bits.
         let angle = |line: usize| 2.0 * PI * ((k * line) % period) as f64 / period as f64;
         lines.iter().zip(&phases).map(|(line, phase)| (angle(*line) + phase).cos()).sum()
     };

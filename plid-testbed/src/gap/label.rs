@@ -13,9 +13,9 @@ use crate::{INPUTS, OUTPUTS};
 /// The truth of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Label {
-    /// The effects at work; the single effect `none` where there is none.
+    /// The effects at work; the single effect `none` if there is none.
     pub effects: Vec<LabelledEffect>,
-    /// Whether the nominal simulation is also slightly off.
+    /// Whether the nominal simulation also has errors in its parameters.
     pub perturbed: bool,
     /// The gap of the nominal simulation on the held-out record.
     pub gap_sim: f64,
@@ -59,8 +59,8 @@ pub struct LabelledBackground {
     pub gap_background: f64,
     /// This gap for the nominal simulation, whose parameters have errors.
     pub gap_background_as_given: f64,
-    /// Each of them, with about the gap that it makes alone; then what the simulation is off by more than the stated
-    /// limits.
+    /// Each of them, with the approximate gap that it causes alone, followed by the errors of the simulation beyond
+    /// the stated limits.
     pub background_effects: Vec<LabelledEffect>,
 }
 
@@ -81,7 +81,7 @@ pub struct LabelledEffect {
     pub loc: usize,
     /// The parameters, in the order of the vocabulary.
     pub par: Vec<f64>,
-    /// The gap that was asked for.
+    /// The requested gap.
     pub target: f64,
     /// The gap that it makes alone, without noise.
     pub gap: f64,
@@ -89,10 +89,11 @@ pub struct LabelledEffect {
     pub hz: f64,
     /// Whether its law is the vocabulary's own equation.
     pub own_equation: bool,
-    /// Whether it lies beyond twice what a case lets a simulation be off (0.2 % of a frequency, a tenth of a damping
-    /// ratio), both by itself and in addition to this simulation's own errors; always true of other effects.
+    /// Whether a change of a mode or an axis exceeds twice the stated limit on a simulation's errors (0.2 % of a
+    /// frequency, a tenth of a damping ratio, 2 % of a gain). For a mode, this must hold both for the change by
+    /// itself and in addition to this simulation's own errors. Always true of other effects.
     pub clear_of_nuisance: bool,
-    /// The effect as a config's list has it.
+    /// The effect in the notation of a config's list.
     pub config: Option<Effect>,
 }
 
@@ -102,17 +103,17 @@ const DAMPING_LIMIT: f64 = 0.1;
 const SHAPE_LIMIT: f64 = 0.02;
 
 impl LabelledEffect {
-    /// Names of `par` in the vocabulary's equations, in order; the index of the other channel, which a crosstalk has in
-    /// it, has none, and neither has an effect outside the vocabulary.
+    /// Returns the names of `par` in the vocabulary's equations, in order. The index of the other channel, which
+    /// `par` of a cross-talk contains, has no name, and the parameters of an effect outside the vocabulary have none.
     #[must_use]
     pub fn parameter_names(&self) -> &'static [&'static str] {
         let names = effects::kind(&self.effect).map_or(&[][..], |kind| kind.parameters);
-        // The last may be left out.
+        // The last parameter may be left out.
         &names[..names.len().min(self.par.len())]
     }
 
-    /// Whether a location, as a diagnosis states it (`input:u2`, `output:y1->y3`, `mode:168.2`), means the place of
-    /// this effect.
+    /// Returns whether a location, as a diagnosis states it (`input:u2`, `output:y1->y3`, `mode:168.2`), means the
+    /// place of this effect.
     #[must_use]
     pub fn is_at(&self, location: &str) -> bool {
         effects::kind(&self.effect).is_some_and(|kind| kind.at.is_meant(location, self.loc, &self.par, self.hz))
@@ -160,14 +161,15 @@ pub(crate) fn labelled(effect: &Effect, target: f64, gap: f64, base: &Truss, nom
     }
 }
 
-/// Whether an effect changes a mode or an axis, if it does, by more than twice what a simulation may be off.
+/// Returns whether an effect changes a mode or an axis by more than twice the stated limits; true if it changes
+/// neither.
 fn is_clear_of_nuisance(effect: &Effect, base: &Truss, nominal: &Truss) -> bool {
     if let Some(change) = effect.law().mode_change() {
         let (own, of, limit): (f64, fn(&Mode) -> f64, f64) = match change {
             ModeChange::Frequency(own) => (own, |mode| mode.frequency_hz, FREQUENCY_LIMIT),
             ModeChange::Damping(own) => (own, |mode| mode.damping_ratio, DAMPING_LIMIT),
         };
-        // What the simulation is off may take back a part of it.
+        // The error of the simulation may compensate a part of the change.
         let off = (of(&base.modes[effect.place()]) / of(&nominal.modes[effect.place()])).ln();
         return own.abs().min((own + off).abs()) > 2.0 * limit;
     }
@@ -177,19 +179,19 @@ fn is_clear_of_nuisance(effect: &Effect, base: &Truss, nominal: &Truss) -> bool 
     }
 }
 
-/// Whether a mass, a damper or a spring changes an axis by more than twice what a simulation may be off: a mass its
-/// gain, a damper its damping ratio, a spring its frequency. Where the axis has none of its own, any is clear.
+/// Returns whether a mass, a damper or a spring changes an axis by more than twice the stated limits: a mass its
+/// gain, a damper its damping ratio, a spring its frequency. If the axis has none of its own, any of them is clear.
 fn is_clear_of_the_axis_s(load: &Load, axes: &Axes) -> bool {
     let own = axes.own(load.port.min(axes.drive.len() - 1));
     let beyond = |added: f64, own: f64, limit: f64| added.abs() > 2.0 * limit * own;
     beyond(load.mass, own.inertia, SHAPE_LIMIT)
         || beyond(load.damping, own.damping, DAMPING_LIMIT)
-        // The frequency goes with the root of the stiffness.
+        // The frequency is proportional to the square root of the stiffness.
         || beyond(load.stiffness, own.stiffness, 2.0 * FREQUENCY_LIMIT)
 }
 
-/// Errors of a simulation beyond the stated limits: frequencies, damping ratios, and poles of actuators, for
-/// which no limits are stated.
+/// Returns the errors of a simulation beyond the stated limits: frequencies, damping ratios, and poles of actuators,
+/// for which no limits are stated.
 pub(crate) fn off_limits(base: &Truss, nominal: &Truss, inputs: usize) -> Vec<LabelledEffect> {
     let off = |effect: &str, loc: usize, par: f64, hz: f64| LabelledEffect {
         effect: effect.to_owned(),

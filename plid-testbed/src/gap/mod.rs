@@ -1,11 +1,11 @@
 //! Gap cases with a known answer: a plant with effects, the nominal simulation that lacks them, and records.
 //!
-//! [`draw`] draws one from a seed and a [`GapSpec`]; [`GapCase::write`] writes what a diagnosis may see in one folder
-//! and the answer in another. Structures have up to three actuators (with a pole at 260 Hz; a drone's motors are
-//! slower), up to three accelerometers behind a two-pole filter at 1 kHz, 12-bit converters of +-5 V, 5 mV of noise on
-//! each sensor and amplifier, and an ambient force that gives 2 mV. Bodies on axes (motors, servos, sliders, pendulums,
-//! arms and closed loops) have one or two inputs, and as many positions or speeds that encoders count or that have 5 mV
-//! of noise; they are sampled at 200 to 1000 Hz.
+//! [`draw`] draws a case from a seed and a [`GapSpec`]. [`GapCase::write`] writes the files that a diagnosis may see
+//! to one folder, and the answer to another. Structures have up to three actuators (with a pole at 260 Hz; a drone's
+//! motors are slower), up to three accelerometers behind a two-pole filter at 1 kHz, 12-bit converters of +-5 V, 5 mV
+//! of noise on each sensor and amplifier, and an ambient force that gives 2 mV. Bodies on axes (motors, servos,
+//! sliders, pendulums, arms and closed loops) have one or two inputs and as many outputs. The outputs are positions
+//! or speeds, which encoders count or which have 5 mV of noise; they are sampled at 200 to 1000 Hz.
 
 mod asked;
 mod background;
@@ -43,7 +43,7 @@ pub use write::SimulationFile;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GapError {
-    /// A kind, place or law that does not exist.
+    /// An effect of the spec has an invalid kind, place, law or value.
     #[error("effect {number} of the spec ({kind}): {reason}")]
     Spec {
         /// The number of the effect in the spec, from 1.
@@ -75,22 +75,22 @@ pub enum GapError {
         /// Why.
         reason: &'static str,
     },
-    /// No strength of this draw makes the gap asked for.
+    /// No strength of this draw causes the requested gap.
     #[error("{kind}: no strength makes a gap of {target}; the nearest found is {nearest}. Another seed may")]
     Unreachable {
         /// The effect.
         kind: String,
-        /// The gap asked for.
+        /// The requested gap.
         target: f64,
-        /// The nearest found.
+        /// The nearest gap found.
         nearest: f64,
     },
-    /// No record of the case shows the effect, such as a stop that only the held-out one reaches.
+    /// No record of the case shows the effect. For example, a stop may be reached only in the held-out record.
     #[error("{kind}: no record but the held-out one shows it, with a gap of {most} at most. Another seed may")]
     Unseen {
         /// The effect.
         kind: String,
-        /// The largest gap that it makes in the other records.
+        /// The largest gap that it causes in the other records.
         most: f64,
     },
     /// The structure moves beyond the range of its converter and stays there.
@@ -153,14 +153,14 @@ pub struct GapCase {
     pub held_out: GapRecord,
     /// The truth.
     pub label: Label,
-    /// The effects with their parameters, as a config's list has them.
+    /// The main effects with their parameters, in the notation of a config's list.
     pub effects: Vec<Effect>,
 }
 
-/// Steps within a sample for effects inside the structure and for slewing voltages.
+/// Steps within a sample for effects inside the structure and for voltages that change within a sample.
 const STEPS_PER_SAMPLE: usize = 8;
 
-/// Gap that an effect must make in one of the records of a case, over that in the held-out one.
+/// Smallest gap that an effect must cause in one of the records of a case, relative to its gap in the held-out one.
 const SEEN: f64 = 0.2;
 
 /// Largest share of a record that its converter may clip.
@@ -169,8 +169,9 @@ const MOST_CLIPPED: f64 = 0.05;
 /// Draws a case. The same seed and spec give the same bits.
 ///
 /// # Errors
-/// If the spec names an effect, place or law that does not exist or not with these channels, has a number outside its
-/// range or keys that contradict each other, or asks for a gap that its effect cannot make.
+/// Returns an error if the spec names an effect, a place or a law that does not exist or does not suit the plant and
+/// its channels, if a number is outside its range, if keys contradict each other, if an effect cannot cause its gap
+/// or is not visible in another record, or if a converter clips too many samples.
 pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
     spec.check()?;
     let mut rng = stream(seed, Purpose::Draw, plant::PLANT);
@@ -209,8 +210,8 @@ pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
     Ok(GapCase { simulation, simulator, records, held_out: last, label: label.or_none(), effects })
 }
 
-/// The effects that the spec asks for, each at the strength that makes its gap in the held-out record. One of the
-/// others, `schedule`, must show it.
+/// Returns the effects that the spec asks for, each at the strength that causes its gap in the held-out record. At
+/// least one of the other records, `schedule`, must show the effect.
 fn main_effects(
     scene: &Scene<'_>,
     schedule: &[excitation::Planned],
@@ -228,7 +229,7 @@ fn main_effects(
     Ok((effects, labels))
 }
 
-/// Checks that an effect makes at least this gap in one of the driven records.
+/// Checks that an effect causes at least the gap `least` in one of the driven records.
 fn check_seen(
     bench: &Bench<'_>,
     effect: &Effect,
@@ -245,7 +246,7 @@ fn check_seen(
     Err(GapError::Unseen { kind: effect.kind().to_owned(), most })
 }
 
-/// A record of the selected channels, with the outputs of the nominal simulation for it.
+/// Takes a record of the selected channels, and simulates the outputs of the nominal simulation for it.
 fn taken(
     config: &TrussConfig,
     spec: &GapSpec,
@@ -270,7 +271,7 @@ fn taken(
     })
 }
 
-/// The imperfections of the label: the held-out record is taken again without the main effects.
+/// Returns the imperfections of the label. The held-out record is taken again without the main effects.
 fn labelled_background(
     scene: &Scene<'_>,
     background: background::Background,
@@ -301,12 +302,12 @@ fn labelled_background(
     }))
 }
 
-/// The first outputs: those that a case measures.
+/// Returns the first outputs, which are those that a case measures.
 fn measured(outputs: Array2<f64>, count: usize) -> Array2<f64> {
     if count == outputs.ncols() { outputs } else { outputs.slice(s![.., ..count]).to_owned() }
 }
 
-/// The held-out record as somebody would foretell it who knows the plant and its effects, but no random numbers.
+/// Predicts the held-out record from the plant and its effects, without knowledge of the random numbers.
 fn foretold(config: &TrussConfig, base: &Truss, last: &excitation::Planned) -> Result<Array2<f64>, TestbedError> {
     let effects: Vec<Effect> = config.effects.list.iter().filter(|e| e.foretold()).cloned().collect();
     let config = with_effects(config, &effects);
@@ -326,7 +327,7 @@ fn config(seed: u64, spec: &GapSpec, rig: &Rig) -> TrussConfig {
     }
 }
 
-/// Noise of the same RMS, a part of it coloured and a part of it with heavy tails.
+/// Returns noise of the same RMS, of which one part is coloured and another has heavy tails.
 fn imperfect(seed: u64, noise: NoiseConfig) -> NoiseConfig {
     let mut rng = stream(seed, Purpose::Draw, plant::NOISE);
     NoiseConfig {

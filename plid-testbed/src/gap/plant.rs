@@ -25,7 +25,7 @@ pub(crate) struct Drawn {
     pub nominal: Truss,
     /// Modes at which modal effects are drawn, from 0.
     pub dominant: Range<usize>,
-    /// A mode that the plant has and both of these lack, where the spec asks for one.
+    /// A mode that the plant has and that `base` and `nominal` lack, if the spec asks for one.
     pub left_out: Option<Mode>,
 }
 
@@ -33,11 +33,11 @@ pub(crate) struct Drawn {
 pub(crate) const PLANT: usize = 0;
 const NUISANCE: usize = 1;
 const COORDINATES: usize = 2;
-/// The kind of noise that an imperfect truth has.
+/// The kind of noise of an imperfect truth.
 pub(crate) const NOISE: usize = 3;
-/// Small imperfections; their own streams follow it.
+/// Small imperfections; their own streams follow this one.
 pub(crate) const BACKGROUND: usize = 1 << 12;
-/// The first of the effects' streams.
+/// The first stream of the effects.
 pub(crate) const EFFECTS: usize = 16;
 
 /// Draws the rest of a layout's plant, and scales it.
@@ -49,7 +49,7 @@ pub(crate) fn drawn(
     rng: &mut ChaCha12Rng,
 ) -> Drawn {
     let Layout { mut plant, dominant, missable, rig } = layout;
-    // The number is drawn in any case: the same seed gives the same plant with every effect.
+    // The number is drawn in any case, so that the same seed gives the same plant with every effect.
     let missed = (!missable.is_empty()).then(|| rng.random_range(missable));
     let lacks = |wanted: &EffectSpec| effects::kind(&wanted.kind).is_some_and(|kind| kind.at == At::NewMode);
     let missing = missed.filter(|_| spec.effects.iter().any(lacks));
@@ -110,7 +110,7 @@ impl Off {
         });
         let modes = modes.collect();
         let axes = plant.axes.clone().map(|axes| Axes {
-            // A frequency goes with the root of the stiffness.
+            // A frequency is proportional to the square root of the stiffness.
             stiffness: axes.stiffness * about(1.0, 2.0 * self.frequency),
             damping: axes.damping * about(1.0, self.damping),
             drive: axes.drive.iter().map(|drive| about(*drive, self.shape)).collect(),
@@ -120,7 +120,7 @@ impl Off {
     }
 }
 
-/// T of x' = T x: a rotation drawn uniformly, with each new state scaled by up to some tens of per cent.
+/// Draws T of x' = T x: a uniformly distributed rotation, with each new state scaled by up to some tens of per cent.
 pub(crate) fn coordinates(seed: u64, states: usize) -> DMatrix<f64> {
     let mut rng = stream(seed, Purpose::Draw, COORDINATES);
     let rotation = DMatrix::from_fn(states, states, |_, _| normal(&mut rng)).qr().q();
@@ -140,8 +140,8 @@ mod tests {
     use crate::gap::{config, excitation, with_effects};
     use crate::record::record;
 
-    /// Without an effect, the truth without noise is the free run of the nominal simulation: to the bit as it stands,
-    /// and to rounding where a force that is nearly nothing makes the integrator take its small steps.
+    /// Without an effect and without noise, the truth is the free run of the nominal simulation. The two are equal to
+    /// the bit, and agree to rounding if a force that is nearly zero makes the integrator take its small steps.
     #[test]
     fn without_an_effect_the_truth_is_the_free_run_of_the_simulation() {
         let nothing = Effect::CoulombFriction(CoulombFriction {

@@ -14,7 +14,7 @@ pub(crate) struct Rig {
     pub band_hz: f64,
     /// Lowest and highest line of the multisine, as multiples of the sample rate over the period of full records.
     pub lines: [usize; 2],
-    /// RMS over the outputs that a random record of 1 V RMS is to give, V; `None` leaves the plant as it is.
+    /// RMS over the outputs that a random record of 1 V RMS must give, V; `None` leaves the plant as it is.
     pub output_v: Option<f64>,
     /// Noise of the plant.
     pub noise: NoiseConfig,
@@ -26,7 +26,8 @@ pub(crate) struct Rig {
     pub steps_per_sample: usize,
 }
 
-/// Samples of a period of the multisine in full records: a prime, so that no mains line falls on one of its lines.
+/// Number of samples in a period of the multisine in full records: a prime, so that no mains frequency falls on one
+/// of its lines.
 pub(crate) const PERIOD: usize = 2003;
 /// Rate of the cases of structures, Hz.
 pub(crate) const STRUCTURE_HZ: f64 = 1600.0;
@@ -41,15 +42,16 @@ const AXIS_HZ: [f64; 5] = [200.0, 250.0, 400.0, 500.0, 1000.0];
 const ENCODERS: f64 = 0.5;
 /// Size of an encoder's code, V.
 const CODE_V: std::ops::Range<f64> = 0.004..0.016;
-/// White noise before an encoder, over its step: the trembling of an axis.
+/// White noise before the rounding of an encoder, over its step: the trembling of an axis.
 const TREMBLES: f64 = 0.3;
-/// Steps within a sample, of which friction that sticks needs more than other forces do.
+/// Integration steps within a sample. Friction that sticks needs more of them than other forces do.
 const AXIS_STEPS: usize = 32;
 /// Highest line of the multisine over the cut-off of random commands.
 const BEYOND_BAND: f64 = 1.5;
 
 impl Rig {
-    /// That of a structure: accelerometers and 12-bit converters of +-5 V. The lines go from 2.4 to 395 Hz.
+    /// Returns the rig of a structure: accelerometers and 12-bit converters of +-5 V. The lines go from 2.4 to 395
+    /// Hz.
     pub(crate) fn of_structure() -> Self {
         Self {
             sample_rate_hz: STRUCTURE_HZ,
@@ -68,8 +70,8 @@ impl Rig {
         }
     }
 
-    /// Draws that of axes whose random commands reach up to a share of the sample rate. Commands are numbers that a
-    /// drive reads, so that they have no noise; encoders count without an end.
+    /// Draws the rig of axes whose random commands reach up to a share of the sample rate. Commands are numbers that
+    /// a drive reads, so they have no noise. Encoders count without limit.
     pub(crate) fn of_axes(sample_rate_hz: f64, band: f64, rng: &mut ChaCha12Rng) -> Self {
         let encoder = rng.random_bool(ENCODERS);
         let code_v = rng.random_range(CODE_V);

@@ -7,16 +7,16 @@ use crate::effects::Families;
 use crate::{INPUTS, OUTPUTS};
 
 /// The specification of a case. Keys that are left out have the values of [`GapSpec::default`]: a truss with all its
-/// channels, no effect, six records of full length and a simulation that is exact.
+/// channels, no effect, six records of full length and an exact simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GapSpec {
     /// The effects at work; empty for none.
     pub effects: Vec<EffectSpec>,
-    /// Whether the nominal simulation is also slightly off: one standard deviation is 0.05 % of a frequency, 3 % of a
-    /// damping ratio and 0.5 % of a shape's entry.
+    /// Whether the nominal simulation also has small errors in its parameters: one standard deviation is 0.05 % of a
+    /// frequency, 3 % of a damping ratio and 0.5 % of a shape's entry.
     pub perturbed: bool,
-    /// Whether the nominal simulation says where internal forces may act.
+    /// Whether the nominal simulation states where internal forces may act.
     pub ports: bool,
     /// The plant.
     pub plant: PlantKind,
@@ -28,16 +28,16 @@ pub struct GapSpec {
     pub simulator: Simulator,
     /// Ratio of the noise of sensors and amplifiers to the noise that the nominal simulation declares; from 2/3 to 3/2.
     pub noise_misjudged: f64,
-    /// Length of the records over that of full ones; from 0.1 to 1. At 0.16 a record without input has 512 samples. The
-    /// multisine's period shortens with it, so that it has six in any case.
+    /// Length of the records relative to full ones; from 0.1 to 1. At 0.16, a record without input has 512 samples.
+    /// The period of the multisine shortens with the record, so that there are six periods in any case.
     pub length: f64,
-    /// The gap that small effects make together, of random kind, place and size, in addition to the effects above; 0
-    /// for none, at most 0.2. With them the noise has coloured and heavy-tailed parts.
+    /// The gap that further small effects, of random kind, place and size, cause together; 0 for none, at most 0.2.
+    /// With them, the noise has coloured and heavy-tailed parts.
     #[serde(skip_serializing_if = "is_zero")]
     pub imperfections: f64,
-    /// How far the nominal simulation is off, in standard deviations of what a case states as limits (0.1 % of a
-    /// frequency, 5 % of a damping ratio, 1 % of a shape's entry) and, of an actuator's pole, in units of 2 %; 0 leaves
-    /// it to `perturbed`, at most 3.
+    /// The size of the errors of the nominal simulation, in standard deviations of the limits that a case states (0.1
+    /// % of a frequency, 5 % of a damping ratio, 1 % of a shape's entry) and, for the pole of an actuator, in units
+    /// of 2 %; at most 3. With 0, `perturbed` decides.
     #[serde(skip_serializing_if = "is_zero")]
     pub beyond_limits: f64,
     /// The shapes of laws other than the vocabulary's own, of the harmonics of a hum and of the width of a random
@@ -81,18 +81,18 @@ impl Default for GapSpec {
 pub struct EffectSpec {
     /// The name of the effect, as in a config's list, or of one that the program has added.
     pub kind: String,
-    /// Its place, as in a config's list; drawn where left out, among the channels that there are.
+    /// Its place, as in a config's list. If it is left out, the place is drawn among the channels that there are.
     #[serde(default)]
     pub at: Option<String>,
-    /// Its law, as in a config's list; the vocabulary's own where left out.
+    /// Its law, as in a config's list; the vocabulary's own if it is left out.
     #[serde(default)]
     pub law: Option<String>,
-    /// The gap that it is to make alone: RMS(y with it - y without) / RMS(y without) on the held-out record without
+    /// The gap that it must cause alone: RMS(y with it - y without) / RMS(y without) on the held-out record without
     /// noise, each output scaled to unit RMS.
     pub gap: f64,
 }
 
-/// A kind of plant; each seed draws another of the kind.
+/// A kind of plant; each seed draws a different plant of the kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlantKind {
@@ -101,18 +101,17 @@ pub enum PlantKind {
     Truss,
     /// A uniform beam on two supports in bending: six modes, at 1, 4, 9, ... times the first.
     Beam,
-    /// Seven inertias in a row on shafts, as of a gearbox.
+    /// Seven inertias in a row on shafts, as in a gearbox.
     Chain,
-    /// Motors that lag behind their commands more than anything else does, a body that is held in its attitude, and its
-    /// arms.
+    /// Motors whose lag dominates the response, a body that is held in its attitude, and its arms.
     Drone,
-    /// The truss with two pairs of modes, each closer than its modes are wide.
+    /// The truss with two pairs of modes that lie closer than their half-power widths.
     CloseModes,
     /// A motor on a bench: torque to speed, of first order.
     Motor,
     /// A position servo: of second order and well damped.
     Servo,
-    /// A mass that no spring holds, in a bearing: force to position.
+    /// A mass without a spring, in a bearing: force to position.
     Slider,
     /// Such a mass without a damper: force to speed.
     FreeSlider,
@@ -126,8 +125,9 @@ pub enum PlantKind {
     ArmLoop,
 }
 
-/// How many inputs and outputs there are: the first ones of the plant's, of which a structure has three. Inputs beyond
-/// are neither driven nor noisy, outputs beyond are not measured, and effects are drawn only where there is a channel.
+/// The numbers of inputs and outputs: the first ones of the plant, of which a structure has three each. Further
+/// inputs are neither driven nor noisy, further outputs are not measured, and effects are drawn only where there is a
+/// channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channels {
@@ -147,10 +147,10 @@ impl Default for Channels {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Experiment {
-    /// One without input, three random ones at two levels, a multisine and a random one at full level.
+    /// One record without input, four random records at three levels, and a multisine.
     #[default]
     Active,
-    /// A single random one, of twice the length.
+    /// A single random record of twice the length.
     Passive,
 }
 
@@ -161,7 +161,7 @@ pub enum Simulator {
     /// As a model, in sim.json.
     #[default]
     Model,
-    /// Only by its outputs for the input of each record.
+    /// As its outputs alone, for the input of each record.
     Outputs,
 }
 

@@ -1,4 +1,4 @@
-//! How strong effects must be to make the gap asked for.
+//! The strengths at which effects cause the requested gap.
 
 use ndarray::{Array2, ArrayView2};
 
@@ -14,7 +14,7 @@ use crate::record::record;
 use crate::state_space::multiply_add;
 use crate::{INPUTS, OUTPUTS};
 
-/// RMS(y - other) / RMS(y) over all outputs, each scaled to unit RMS of y.
+/// Returns RMS(y - other) / RMS(y) over all outputs, each scaled to unit RMS of y.
 pub(crate) fn gap(y: &Array2<f64>, other: &Array2<f64>) -> f64 {
     let squares = (0..y.ncols()).map(|i| {
         let (y, other) = (y.column(i), other.column(i));
@@ -55,25 +55,25 @@ impl Signals {
         Self { displacement, velocity, output }
     }
 
-    /// Those of one input and output.
+    /// Returns the values of one input and one output.
     pub(crate) fn at(&self, channel: usize) -> Level {
         let Self { displacement, velocity, output } = self;
         Level { displacement: displacement[channel], velocity: velocity[channel], output: output[channel] }
     }
 }
 
-/// Where strengths are tried: the held-out record, or a part of it, without noise.
+/// The conditions under which strengths are tried: the held-out record, or a part of it, without noise.
 pub(crate) struct Bench<'a> {
     pub config: &'a TrussConfig,
     pub truss: &'a Truss,
     pub planned: &'a Planned,
-    /// How many outputs are measured.
+    /// Number of measured outputs.
     pub measured: usize,
-    /// Number of the first effect in the case's list: the streams that it draws from depend on it.
+    /// Number of the first effect in the case's list. The streams from which the effect draws depend on it.
     pub number: usize,
 }
 
-/// How near to the gap asked for a search comes.
+/// The accuracy with which a search meets the requested gap.
 #[derive(Clone, Copy)]
 pub(crate) struct Goal {
     /// Relative error at which the search ends.
@@ -83,36 +83,36 @@ pub(crate) struct Goal {
 }
 
 impl Goal {
-    /// Of an effect that a spec asks for.
+    /// For an effect that a spec asks for.
     const MAIN: Self = Self { sought: 0.005, accepted: 0.05 };
-    /// Of a small effect whose size is random in any case.
+    /// For a small effect whose size is random in any case.
     const ROUGH: Self = Self { sought: 0.25, accepted: 0.7 };
-    /// Of all small effects together.
+    /// For all small effects together.
     pub(crate) const TOGETHER: Self = Self { sought: 0.01, accepted: 0.05 };
 }
 
-/// The strengths tried reach so far either way.
+/// Largest factor between the first strength and a strength that is tried, up or down.
 const FARTHEST: f64 = 1e7;
 const TRIALS: usize = 60;
 
 impl Bench<'_> {
-    /// The same with another record.
+    /// Returns the same bench with another record.
     pub(crate) fn on<'b>(&'b self, planned: &'b Planned) -> Bench<'b> {
         Bench { planned, ..*self }
     }
 
-    /// The gap that an effect makes.
+    /// Returns the gap that an effect causes.
     pub(crate) fn gap_of_one(&self, effect: &Effect) -> Result<f64, GapError> {
         self.gap_of(&self.outputs(&[])?, std::slice::from_ref(effect))
     }
 
-    /// The effect at the strength that makes the gap, and the gap that it makes.
+    /// Returns the effect at the strength that causes the gap `target`, and the gap that it causes.
     pub(crate) fn reach(&self, first: &Effect, target: f64) -> Result<(Effect, f64), GapError> {
         self.near(first, target, Goal::MAIN)
     }
 
-    /// The effect at about the strength that makes the gap, found in few trials: the search starts where the effect
-    /// would be if its gap grew with its strength.
+    /// Returns the effect at about the strength that causes the gap, found in few trials. The search starts at the
+    /// strength that would be right if the gap were proportional to it.
     pub(crate) fn roughly(&self, first: &Effect, target: f64) -> Result<(Effect, f64), GapError> {
         let unscaled = self.gap_of_one(first)?;
         let near = unscaled > 0.0 && unscaled.is_finite();
@@ -124,15 +124,16 @@ impl Bench<'_> {
         let (factor, gap) = self.search(target, goal, &|factor| vec![first.strengthened(factor)])?;
         let effect = first.strengthened(factor);
         let miss = (gap / target).ln().abs();
-        // What comes in whole events comes in steps: the nearest step is the best there is.
+        // The gap of an effect that consists of whole events changes in steps, and the nearest step is the best there
+        // is.
         if miss < goal.accepted || (!effect.foretold() && miss < 0.5) {
             return Ok((effect, gap));
         }
         Err(GapError::Unreachable { kind: effect.kind().to_owned(), target, nearest: gap })
     }
 
-    /// The gap that some effects make; infinite where they are too strong for the structure to hold or for their laws
-    /// to make sense.
+    /// Returns the gap that some effects cause. It is infinite if they make the structure unstable, or if they are
+    /// too strong for their laws to make sense.
     fn gap_of(&self, linear: &Array2<f64>, effects: &[Effect]) -> Result<f64, GapError> {
         match self.with(effects) {
             Ok(y) => Ok(gap(linear, &y)),
@@ -141,8 +142,8 @@ impl Bench<'_> {
         }
     }
 
-    /// The factor at which effects come nearest to the gap, and that gap: a bracket, then bisection of the factor's
-    /// logarithm with a secant in between where that falls well inside.
+    /// Returns the factor at which effects come nearest to the gap, and that gap. The search brackets the logarithm
+    /// of the factor and then bisects it, with a secant step instead wherever that falls well inside the bracket.
     pub(crate) fn search(
         &self,
         target: f64,
@@ -186,8 +187,8 @@ impl Bench<'_> {
     }
 
     fn with(&self, effects: &[Effect]) -> Result<Array2<f64>, TestbedError> {
-        // Gains of one stand in for the effects before these, so that these draw from the streams that they have in the
-        // case.
+        // Gains of one stand in for the preceding effects, so that these effects draw from the streams that they have
+        // in the case.
         let mut list = vec![Effect::idle(); self.number];
         list.extend_from_slice(effects);
         self.outputs(&list)
@@ -202,7 +203,7 @@ impl Bench<'_> {
     }
 }
 
-/// The logarithm of the strength to try next.
+/// Returns the logarithm of the strength to try next.
 fn between((low, at_low): (f64, f64), (high, at_high): (f64, f64), target: f64) -> f64 {
     let share = (target.ln() - at_low.ln()) / (at_high.ln() - at_low.ln());
     let share = if at_high.is_finite() && at_low > 0.0 && (0.02..0.98).contains(&share) { share } else { 0.5 };

@@ -76,8 +76,8 @@ fn names(letter: char, count: usize) -> Vec<String> {
 }
 
 impl SimulationFile {
-    /// A plant as a spec's case gives it: with the channels that there are, in arbitrary coordinates, with its ports or
-    /// without a word of them.
+    /// Returns a plant as the case of a spec gives it: with the channels of the case, in arbitrary coordinates, and
+    /// with its ports if the spec asks for them.
     pub(crate) fn of(seed: u64, truss: &Truss, spec: &GapSpec, rig: &Rig) -> Self {
         let Channels { inputs, outputs } = spec.channels;
         let kept = kept(truss, spec.channels);
@@ -120,8 +120,8 @@ impl SimulationFile {
     }
 }
 
-/// The states that the outputs depend on: actuators that nothing drives are not among them, nor are filters that nobody
-/// reads.
+/// Returns the states on which the outputs depend. These include neither actuators that nothing drives nor filters
+/// that nobody reads.
 fn kept(truss: &Truss, Channels { inputs, outputs }: Channels) -> Vec<usize> {
     match &truss.axes {
         Some(axes) => axes.needed_states(),
@@ -131,12 +131,12 @@ fn kept(truss: &Truss, Channels { inputs, outputs }: Channels) -> Vec<usize> {
 
 impl GapCase {
     /// Writes case.toml, sim.json and r1.csv to r6.csv (as many as there are records) into `case`, and label.json,
-    /// test_u.csv and test_uy.csv into `label`. Where the simulation is given only by its outputs, r1_sim.csv to
-    /// r6_sim.csv stand for sim.json, and test_sim.csv is in `label` too. The folders are made where they are missing;
-    /// case.toml and label.json are written last.
+    /// test_u.csv and test_uy.csv into `label`. If the simulation is given only by its outputs, r1_sim.csv to
+    /// r6_sim.csv replace sim.json, and `label` also contains test_sim.csv. Missing folders are created; case.toml
+    /// and label.json are written last.
     ///
     /// # Errors
-    /// [`GapError::NotFinite`] if a number is not finite, or [`GapError::File`].
+    /// Returns [`GapError::NotFinite`] if a number is not finite, or [`GapError::File`] if a file cannot be written.
     pub fn write(&self, case: &Path, label: &Path) -> Result<(), GapError> {
         for folder in [case, label] {
             fs::create_dir_all(folder).map_err(|e| file_error(folder, &e))?;
@@ -183,7 +183,7 @@ impl GapCase {
                 Excitation::Random { .. } => "excitation = \"random\"".to_owned(),
                 Excitation::Periodic { period } => format!("excitation = \"periodic\"\nperiod = {period}"),
             };
-            // Writing into a text cannot fail.
+            // Writing to a string cannot fail.
             let _ = write!(text, "\n[[record]]\nfile = \"r{}.csv\"\n{excitation}\n", i + 1);
             if by_outputs {
                 let _ = writeln!(text, "simulated = \"r{}_sim.csv\"", i + 1);
@@ -202,13 +202,13 @@ fn measured(record: &GapRecord) -> String {
     csv(&[('u', &record.commands), ('y', &record.outputs)])
 }
 
-/// Signals side by side, each with the letter of its channels.
+/// Returns signals side by side as text, each with the letter of its channels.
 fn csv(signals: &[(char, &Array2<f64>)]) -> String {
     let header: Vec<String> = signals.iter().flat_map(|(letter, signal)| names(*letter, signal.ncols())).collect();
     let mut text = header.join(",") + "\n";
     for k in 0..signals[0].1.nrows() {
         let values = signals.iter().flat_map(|(_, signal)| signal.row(k).to_vec());
-        // A code of minus nothing is nothing.
+        // The sum turns a code of -0 into 0.
         let values: Vec<String> = values.map(|v| (v + 0.0).to_string()).collect();
         text.push_str(&values.join(","));
         text.push('\n');

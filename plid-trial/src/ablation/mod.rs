@@ -1,5 +1,5 @@
-//! The contribution of each step of the diagnosis: the same cases again with one step off at a time, blind as before,
-//! and scored by the same judge.
+//! The contribution of each step of the diagnosis: the same cases are diagnosed again with one step off at a time,
+//! blind as before, and scored by the same judge.
 
 mod report;
 
@@ -28,11 +28,10 @@ fn answers(trial: &Path, off: Option<Step>) -> PathBuf {
     trial.join("ablation").join(off.map_or("nothing", Step::name))
 }
 
-/// Diagnoses the cases of a trial again: with nothing off, and with each of `steps` off. What is done is not done
-/// again.
+/// Diagnoses the cases of a trial again: with nothing off, and with each of `steps` off. Existing answers are kept.
 ///
 /// # Errors
-/// As [`crate::diagnose()`].
+/// Returns the errors of [`crate::diagnose()`].
 pub fn diagnose_without(
     trial: &Path,
     steps: &[Step],
@@ -48,7 +47,7 @@ pub fn diagnose_without(
 /// Answers the cases with any diagnosis.
 ///
 /// # Errors
-/// As [`crate::diagnose()`].
+/// Returns the errors of [`crate::diagnose()`].
 pub fn diagnose_without_with(
     trial: &Path,
     steps: &[Step],
@@ -104,8 +103,8 @@ fn single(line: &Line) -> bool {
     line.asked == Asked::Single
 }
 
-/// One effect: only it is named, at its place. Several: all are named and no other. None: none is named. Outside: kept
-/// open.
+/// Returns whether the answer is right. One effect: it alone is named, at its place. Several: all are named and no
+/// other. None: no effect is named that does not act. Outside: the answer keeps a cause outside the vocabulary open.
 fn right(line: &Line) -> bool {
     let judged = &line.judged[0];
     match line.asked {
@@ -123,15 +122,16 @@ pub struct Change {
     pub figure: &'static str,
     /// Number of cases.
     pub of: usize,
-    /// Cases that are better without the step.
+    /// Cases that are better answered without the step.
     pub better: Vec<String>,
-    /// Cases that are worse without it.
+    /// Cases that are worse answered without it.
     pub worse: Vec<String>,
     /// The share of the cases without the step minus that with it; `None` if no case has the figure.
     pub difference: Option<f64>,
     /// Its 95 % interval.
     pub ci95: Option<[f64; 2]>,
-    /// Sign test, two-sided: how often chance alone parts better and worse as unevenly.
+    /// The p-value of the two-sided sign test: the probability that chance alone divides better and worse at least as
+    /// unevenly.
     pub p: f64,
 }
 
@@ -187,8 +187,8 @@ impl Without {
 /// Scores the answers with each of `steps` off and the trial's own; writes ablation.json and report.html into `out`.
 ///
 /// # Errors
-/// As [`crate::score()`]; [`TrialError::Changed`] also where the trial's own answer is not the one that this program
-/// gives with nothing off.
+/// Returns the errors of [`crate::score()`]; [`TrialError::Changed`] also if the trial's own answer is not the one
+/// that this program gives with nothing off.
 pub fn score_without(
     trial: &Path,
     sealed: &Path,
@@ -253,7 +253,7 @@ pub fn score_without(
     Ok(ablation)
 }
 
-/// Returns the cases whose answers, or reasons for a missing answer, differ.
+/// Returns the cases whose answers differ, or whose reasons for a missing answer differ.
 fn differing(one: &[(Answered, String)], other: &[(Answered, String)]) -> Vec<String> {
     let own = |answered: &Answered| {
         let mut files = answered.files.clone();

@@ -1,4 +1,4 @@
-//! The page: how the figures move without each step, then the table, then the cases by name.
+//! The page: the change of the figures without each step, the table, and the cases by name.
 
 use plid_data::config::to_toml;
 use plid_gap::Step;
@@ -30,7 +30,7 @@ pub(super) fn page(ablation: &Ablation, config: &TrialConfig) -> Report {
         .provenance("SHA-256 of the trial's own answers", &ablation.answers_sha256)
 }
 
-/// The summary in words.
+/// Returns the summary in words.
 pub(super) fn sentences(ablation: &Ablation) -> Vec<String> {
     let mut sentences = vec![format!(
         "{} cases, diagnosed again with one of {} steps off at a time.",
@@ -150,7 +150,7 @@ fn figures(report: Report, ablation: &Ablation) -> Report {
     if left.is_empty() { report } else { report.paragraph(format!("Not asked: {}.", left.join(", "))) }
 }
 
-/// "8 of 10".
+/// Formats a rate as "8 of 10".
 fn count(rate: &Rate) -> Cell {
     Cell::Number(if rate.of == 0 { "–".to_owned() } else { format!("{} of {}", rate.hits, rate.of) })
 }

@@ -1,6 +1,6 @@
-//! BIC alone, as a textbook selects a model: effects of the full vocabulary are added one by one, as long as BIC falls.
-//! Each stage screens every effect at every place and fits those that promise most. There is no test of whether the
-//! best model is adequate, no probability for causes outside the vocabulary, and no reference effect.
+//! BIC alone, as a textbook selects a model: effects of the full vocabulary are added one by one, as long as BIC
+//! falls. Each stage screens every effect at every place and fits the most promising ones. There is no test of
+//! whether the best model is adequate, no probability for causes outside the vocabulary, and no reference effect.
 
 use plid_gap::GapError;
 use plid_gap::case::Case;
@@ -12,10 +12,10 @@ use plid_gap::research::{
 use super::weights::{at_work, schwarz};
 use crate::judge::{Candidate, Claim, Named, Stated};
 
-/// Most effects of a model, as many as an explanation may have.
+/// Largest number of effects in a model, the same as in an explanation.
 const MOST: usize = 3;
 
-/// Most effects that are fitted in a stage. The screen ranks them by what they explain to first order.
+/// Largest number of effects that are fitted in a stage. The screen ranks them by their gain to first order.
 const FITTED: usize = 10;
 
 /// The effort of these fits, which is that of the first fits of a diagnosis.
@@ -38,7 +38,7 @@ impl Asked {
         Ok(Self { heads, excluded: audit.case.config.exclude })
     }
 
-    /// Answers without some effects of the vocabulary.
+    /// Answers the case without some effects of the vocabulary.
     pub(super) fn claim(&self, library: &Library, without: &[String]) -> Claim {
         let excluded = |placed: &Placed| self.excluded.iter().chain(without).any(|name| name == placed.effect.name());
         let candidates = candidates(&self.heads, library, &excluded);
@@ -114,7 +114,7 @@ mod tests {
 
     use super::*;
 
-    /// Records of a mode of 35 Hz whose sensor has this gain and this offset, with noise.
+    /// Returns a case with records of a mode at 35 Hz whose sensor has this gain and this offset, with noise.
     fn case(gain: f64, offset: f64) -> Case {
         let (radius, (sin, cos)) = (0.985, 0.55_f64.sin_cos());
         let text = json!({

@@ -1,5 +1,5 @@
-//! The best linear refit: frequency, damping and shapes of every mode, almost without bounds. It predicts, and it names
-//! the parameter that is most significantly beyond the stated limits, if any.
+//! The best linear refit: frequency, damping and shapes of every mode, almost without bounds. It predicts the
+//! outputs, and names the parameter that is most significantly beyond the stated limits, if there is one.
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::GapError;
@@ -30,9 +30,9 @@ pub(super) fn refit(problem: &Problem, model: &Model) -> Linear {
 struct Beyond {
     mode: usize,
     part: usize,
-    /// Number among all parameters.
+    /// Index among all parameters.
     index: usize,
-    /// Distance from its limit.
+    /// Signed distance from its limit.
     by: f64,
     /// Distance from zero in standard deviations.
     sure: f64,
@@ -61,7 +61,7 @@ fn claim(problem: &Problem, found: &Refit) -> Claim {
     Claim { verdict: "effects".to_owned(), effects, candidates, ..Claim::default() }
 }
 
-/// Returns the effect that a parameter is; the vocabulary has no word for a shape.
+/// Returns the effect to which a parameter corresponds; the vocabulary has no name for a shape.
 fn named(problem: &Problem, beyond: &Beyond) -> Option<Named> {
     let effect = ["modal-frequency", "modal-damping"].get(beyond.part)?;
     let location = format!("mode:{:.1}", problem.plant.modes[beyond.mode].hz());
@@ -69,7 +69,8 @@ fn named(problem: &Problem, beyond: &Beyond) -> Option<Named> {
 }
 
 /// Returns the explanations with their Schwarz weights: no parameter is beyond its limit, one of them is, or all are.
-/// What holding parameters at their limits costs follows from the covariance, and the noise from what the refit leaves.
+/// The cost of holding parameters at their limits follows from the covariance, and the noise from the residual of the
+/// refit.
 fn explanations(problem: &Problem, beyond: &[Beyond], covariance: &DMatrix<f64>, cost: f64) -> Vec<Candidate> {
     let rows = problem.rows() as f64;
     let bic = |free: &dyn Fn(usize) -> bool| {
@@ -109,7 +110,7 @@ mod tests {
     use super::*;
     use crate::baselines::wider;
 
-    /// A mode of 35 Hz whose radius is given, in discrete time.
+    /// Returns a model of a mode at 35 Hz whose discrete-time poles have this radius.
     fn model(radius: f64) -> Model {
         let (sin, cos) = 0.55_f64.sin_cos();
         let text = json!({
@@ -121,7 +122,7 @@ mod tests {
         Model::from_json(&text, "here").unwrap()
     }
 
-    /// Records of a system as the difference equation of its model, with noise.
+    /// Returns records of a system, simulated with the difference equation of its model, with noise.
     fn records(radius: f64) -> Vec<Record> {
         let mut rng = ChaCha12Rng::seed_from_u64(8);
         let (sin, cos) = 0.55_f64.sin_cos();

@@ -20,7 +20,7 @@ use black_box::BlackBox;
 use linear::Linear;
 use sparse::Sparse;
 
-/// The content of baselines.json: the answers of the baselines, and the data that their predictions require.
+/// The content of baselines.json: the answers of the baselines, and the data for their predictions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Baselines {
@@ -61,7 +61,7 @@ fn wider(stated: &Limits) -> Limits {
     Limits { frequency: frequency * stated.frequency, damping: damping * stated.damping, shape: shape * stated.shape }
 }
 
-/// Answers a case with the baselines, and a second time without some effects of the vocabulary, if any are named. A
+/// Answers a case with the baselines. If effects to leave out are named, BIC alone also answers it without them. A
 /// case without a simulation is answered with the one that the diagnosis used.
 pub(crate) fn answers(
     case: &Case,

@@ -1,7 +1,7 @@
 //! Sparse regression as in SINDy: the residual of the simulation is regressed on the traces of monomials of each
 //! command, of the motion at each port and of each output, and terms below a threshold are dropped repeatedly (STLSQ).
-//! BIC selects the threshold, and weighs the best model against the best ones without each of its terms. Both sides are
-//! whitened by the noise model of the diagnosis; without it, terms would be fitted to noise.
+//! BIC selects the threshold, and weighs the best model against the best models without each of its terms. The residual
+//! and the traces are whitened by the noise model of the diagnosis; without whitening, terms would be fitted to noise.
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::case::Channels;
@@ -28,7 +28,7 @@ pub struct Sparse {
 pub struct Kept {
     /// The monomial.
     pub term: Term,
-    /// In the units of the channels and ports.
+    /// The coefficient in the units of the channels and ports.
     pub coefficient: f64,
     /// RMS of its whitened trace relative to that of the residual.
     pub share: f64,
@@ -95,7 +95,7 @@ const THRESHOLDS: [f64; 6] = [0.01, 0.03, 0.1, 0.2, 0.4, 0.7];
 const ROUNDS: usize = 20;
 /// Relative size at which traces are computed, so that their own feedback is of second order.
 const SMALL: f64 = 1e-3;
-/// Ridge on traces of unit length, because some are nearly equal.
+/// Ridge on traces of unit length, which is needed because some traces are nearly equal.
 const RIDGE: f64 = 1e-8;
 
 fn library(m: usize, p: usize, ports: usize) -> Vec<Term> {
@@ -190,9 +190,9 @@ impl Regression {
     }
 }
 
-/// Returns the best model, and then the best ones without each of its terms, every model once; a model without terms is
-/// followed by that of the best single term. Thresholds compare terms with the residual only, so that they may keep a
-/// term that a better model lacks; that model takes its place.
+/// Returns the best model, followed by the best models without each of its terms, every model once. A model without
+/// terms is followed by the model with the best single term. Thresholds compare terms only with the residual, so they
+/// may keep a term that a better model lacks; the better model then takes the place of the best one.
 fn alternatives(x: &DMatrix<f64>, y: &DVector<f64>) -> Vec<Regression> {
     let products = Products::new(x, y);
     let mut best = products.stlsq(|_| true);
@@ -214,7 +214,7 @@ fn alternatives(x: &DMatrix<f64>, y: &DVector<f64>) -> Vec<Regression> {
     }
 }
 
-/// The products of regressors of unit length with each other and with what they are to explain.
+/// The products of regressors of unit length with each other and with the residual to be explained.
 struct Products {
     rows: f64,
     squares: f64,
@@ -228,7 +228,7 @@ impl Products {
         Self { rows: y.len() as f64, squares: y.norm_squared(), normal: &across * x, cross: &across * y }
     }
 
-    /// Returns the products of some regressors with each other, and those with what they explain.
+    /// Returns the products of some regressors with each other, and with the residual to be explained.
     fn of(&self, active: &[usize]) -> (DMatrix<f64>, DVector<f64>) {
         let normal = DMatrix::from_fn(active.len(), active.len(), |i, j| self.normal[(active[i], active[j])]);
         (normal, DVector::from_fn(active.len(), |i, _| self.cross[active[i]]))
@@ -247,7 +247,7 @@ impl Products {
         self.rows * (squares / self.rows).ln() + terms.len() as f64 * self.rows.ln()
     }
 
-    /// Sequentially thresholded least squares on the regressors that are allowed: the best model over all thresholds.
+    /// Returns the best model over all thresholds, by sequentially thresholded least squares on the allowed regressors.
     fn stlsq(&self, allowed: impl Fn(usize) -> bool) -> Regression {
         let mut best = Regression { bic: self.bic(&[]), terms: Vec::new() };
         for threshold in THRESHOLDS {
@@ -287,7 +287,8 @@ impl Products {
     }
 }
 
-/// Returns what a model says: its named terms, or something else if what explains most has no name in the vocabulary.
+/// Returns the explanation by a model: its named terms, or something else if the largest term has no name in the
+/// vocabulary.
 fn explanation(kept: &[Kept], setting: &Setting) -> Candidate {
     let unknown = kept.first().is_some_and(|first| first.term.name(setting).is_none());
     let named = kept.iter().filter(|_| !unknown).filter_map(|kept| {
@@ -316,7 +317,7 @@ impl Sparse {
 }
 
 impl Term {
-    /// Returns the effect of which this is the first term, and its place.
+    /// Returns the effect whose expansion begins with this term, and its place.
     fn name(&self, setting: &Setting) -> Option<(&'static str, String)> {
         let names = &setting.names;
         let at_port = |port: usize| match setting.plant.ports[port].input {
@@ -441,7 +442,7 @@ mod tests {
 
     use super::*;
 
-    /// Two of thirty regressors make the data; the others are noise.
+    /// Two of thirty regressors make up the data, together with noise.
     #[test]
     fn the_terms_that_made_the_data_are_kept() {
         let mut rng = ChaCha12Rng::seed_from_u64(1);
@@ -454,12 +455,13 @@ mod tests {
         let kept = Products::new(&x, &y).stlsq(|_| true).terms;
         assert_eq!(kept.iter().map(|(j, _)| *j).collect::<Vec<_>>(), [4, 17]);
         assert!((kept[0].1 - 3.0).abs() < 0.1 && (kept[1].1 + 1.0).abs() < 0.1, "{kept:?}");
-        // Of noise alone nothing is kept.
+        // No regressor is kept if the data are noise alone.
         let noise = DVector::from_fn(4000, |_, _| rng.random_range(-1.0..1.0));
         assert_eq!(Products::new(&x, &noise).stlsq(|_| true).terms, []);
     }
 
-    /// Of two regressors that nearly coincide either may be the one; of one that stands alone there is no doubt.
+    /// If two regressors nearly coincide, either of them may be the right one. A regressor without a twin is beyond
+    /// doubt.
     #[test]
     fn a_term_with_a_twin_is_in_doubt() {
         let mut rng = ChaCha12Rng::seed_from_u64(2);
@@ -479,7 +481,7 @@ mod tests {
         assert!((0.05..0.95).contains(&probability(3)) && (0.05..0.95).contains(&probability(8)), "{weighed:?}");
     }
 
-    /// What the best single regressor of a thousand rows of noise explains is worth less than the price of a term.
+    /// The best single regressor of a thousand rows of noise explains less than the price of a term.
     #[test]
     fn nothing_is_no_certainty() {
         let mut rng = ChaCha12Rng::seed_from_u64(3);

@@ -1,9 +1,9 @@
-//! Probabilities by BIC alone: the weight of a model is exp(-BIC / 2), as if the best model of a set were true (Schwarz
+//! Probabilities by BIC alone: the weight of a model is exp(-BIC / 2), as if one model of the set were true (Schwarz
 //! 1978).
 
 use crate::judge::{Candidate, Named};
 
-/// Returns explanations with their weights, the likeliest first, from the BIC of each.
+/// Returns explanations with their weights from the BIC of each, the likeliest first.
 pub(super) fn schwarz(mut models: Vec<(f64, Candidate)>) -> Vec<Candidate> {
     models.retain(|(bic, _)| bic.is_finite());
     models.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -14,7 +14,7 @@ pub(super) fn schwarz(mut models: Vec<(f64, Candidate)>) -> Vec<Candidate> {
     models.into_iter().map(weighted).collect()
 }
 
-/// Returns the probability that an effect acts at its place: that of all explanations that contain it.
+/// Returns the probability that an effect acts at its place: the sum over all explanations that contain the effect.
 pub(super) fn at_work(candidates: &[Candidate], named: &Named) -> f64 {
     let is_it = |e: &Named| (&e.effect, &e.location) == (&named.effect, &named.location);
     candidates.iter().filter(|c| c.effects.iter().any(is_it)).filter_map(|c| c.probability).sum()

@@ -30,18 +30,18 @@ pub struct Opened {
     pub sealed: PathBuf,
 }
 
-/// How well probabilities of one kind agree with outcomes.
+/// The agreement of the probabilities of one kind of statement with the outcomes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Agreement {
     /// The kind of statement; `None` for all kinds.
     pub about: Option<About>,
-    /// How often the statements were right.
+    /// The rate at which the statements were right.
     pub right: Rate,
-    /// The calibration of the probabilities as they were before.
+    /// The calibration of the uncalibrated probabilities.
     pub before: statistics::Calibration,
     /// The calibration of the calibrated probabilities.
     pub after: statistics::Calibration,
-    /// The expected calibration error that chance alone would give them.
+    /// The expected calibration error that chance alone would give the calibrated probabilities.
     pub by_chance: Option<f64>,
 }
 
@@ -94,8 +94,8 @@ pub fn calibrate(fitted: &[Opened], checked: &[Opened], out: &Path) -> Result<Ca
     Ok(calibrated)
 }
 
-/// Returns what counts for a kind of statement, beside its probability before calibration. More quantities than the
-/// outcomes can determine would follow their chance.
+/// Returns the quantities that count for a kind of statement, in addition to its probability before calibration. With
+/// more quantities than the outcomes can determine, the coefficients would follow chance.
 fn basis(about: About) -> &'static [&'static str] {
     match about {
         About::Effect | About::Explanation => &["imperfect", "faint", "at-limit"],
@@ -104,7 +104,8 @@ fn basis(about: About) -> &'static [&'static str] {
     }
 }
 
-/// Returns the outcomes of several trials. Their cases have different names.
+/// Returns the outcomes of several trials. The seed of its trial precedes the name of each case, so that the names
+/// differ.
 fn all(opened: &[Opened]) -> Result<(Vec<Learnt>, Vec<Outcome>), TrialError> {
     let (mut trials, mut all) = (Vec::new(), Vec::new());
     for Opened { trial, sealed } in opened {

@@ -34,7 +34,8 @@ struct Stated {
     statements: Vec<Statement>,
 }
 
-/// Returns the statements of all answers of a trial. The answers are fixed before the seals are opened, as for a score.
+/// Returns the statements of all answers of a trial, each with its outcome. As for a score, the answers are fixed
+/// before the seals are opened.
 pub(crate) fn outcomes(trial: &Path, sealed: &Path) -> Result<(Learnt, Vec<Outcome>), TrialError> {
     let whole = Manifest::read(trial)?;
     let answers = trial.join(ANSWERS);
@@ -75,7 +76,7 @@ fn of_answer(
     let acts = judged.statements;
     let what = asked(truth, without);
     let imperfections = truth.gap_background.is_some() && truth.main().is_none();
-    // A delay that the audit removed is named, but it is no statement of the search.
+    // A delay that the audit removed is named, but it is not a statement of the search.
     let of_effects = acts.len() == statements.len();
     let right = |at: usize, about: About| match about {
         About::Effect | About::Further => of_effects.then(|| acts[at].1),
@@ -83,7 +84,7 @@ fn of_answer(
         About::Nothing => Some(what == Asked::None),
         About::Unknown => Some(what == Asked::Outside || imperfections),
     };
-    // The first explanation rests on what the first effect rests on.
+    // The first explanation has the same basis as the first effect.
     let explanation = statements.first().filter(|first| first.about == About::Effect);
     let explanation = explanation.map(|first| Statement { about: About::Explanation, ..first.clone() });
     let outcome = |(at, statement): (usize, Statement)| {

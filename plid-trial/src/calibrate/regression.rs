@@ -1,4 +1,4 @@
-//! Logistic regression with a prior that leaves probabilities as they are stated.
+//! Logistic regression with a prior whose mean leaves probabilities as they are stated.
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::calibration::{Coefficients, log_odds};
@@ -9,13 +9,13 @@ use super::outcomes::Outcome;
 /// factors of the basis, whose quantities lie between zero and one.
 const PRIOR: [f64; 3] = [1.0, 0.5, 3.0];
 
-/// Most steps of Newton's method. The posterior has one maximum.
+/// Largest number of steps of Newton's method. The posterior has one maximum.
 const STEPS: usize = 100;
 
-/// Change of the log-odds at which the steps end.
+/// Change of the log-odds at which the iteration ends.
 const CLOSE: f64 = 1e-9;
 
-/// Returns the coefficients with the largest posterior density, given statements and the quantities that count.
+/// Returns the coefficients of maximum posterior density, given statements and the quantities that count.
 pub(crate) fn fit(outcomes: &[&Outcome], basis: &[&str]) -> Coefficients {
     let value = |outcome: &Outcome, name: &str| outcome.statement.basis.get(name).copied().unwrap_or(0.0);
     let columns = 2 + basis.len();
@@ -32,7 +32,7 @@ pub(crate) fn fit(outcomes: &[&Outcome], basis: &[&str]) -> Coefficients {
     Coefficients { constant: found[0], before: found[1], basis: basis.collect() }
 }
 
-/// Returns the maximum of the log posterior by Newton's method, with steps halved until they ascend.
+/// Returns the maximum of the log posterior by Newton's method, with each step halved until the density increases.
 fn newton(x: &DMatrix<f64>, right: &DVector<f64>, mean: &DVector<f64>, precision: &DVector<f64>) -> DVector<f64> {
     let density = |b: &DVector<f64>| {
         let likelihood: f64 = (x * b).iter().zip(right).map(|(z, y)| y * z - softplus(*z)).sum();
@@ -85,7 +85,7 @@ mod tests {
         assert_eq!(fit(&[], &["left"]), Coefficients { basis, ..Coefficients::default() });
     }
 
-    /// With many outcomes, the coefficients with which they were drawn are found.
+    /// With many outcomes, the coefficients are found with which the outcomes were drawn.
     #[test]
     fn the_coefficients_of_the_truth_are_found() {
         let truth = Coefficients { constant: -0.5, before: 0.6, basis: BTreeMap::from([("left".to_owned(), -2.0)]) };
@@ -104,8 +104,9 @@ mod tests {
         assert!((found.basis["left"] - truth.basis["left"]).abs() < 0.1, "{found:?}");
     }
 
-    /// One statement of 0.5 that was right. The density ends where the constant c and the change d of the factor of
-    /// the log-odds, which are zero here, have no gradient: 1 - p(c) = c / PRIOR^2.
+    /// With one statement of 0.5 that was right, the density has its maximum where its gradient with respect to the
+    /// constant c vanishes: 1 - p(c) = c / PRIOR^2. The log-odds of the statement are zero, so their factor keeps its
+    /// prior mean.
     #[test]
     fn one_outcome_moves_the_constant_as_far_as_the_prior_allows() {
         let found = fit(&[&outcome(0.5, 0.0, true)], &[]);

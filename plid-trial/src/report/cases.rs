@@ -7,7 +7,7 @@ use crate::scores::{Line, Scores};
 
 pub(super) fn section(report: Report, scores: &Scores) -> Report {
     let report = report.heading("Case by case").warnings(scores.failures());
-    let alarms = |line: &Line| line.asked == Asked::None && line.judged[0].named;
+    let alarms = |line: &Line| line.asked == Asked::None && line.judged[0].spurious;
     let wrong = |line: &Line| line.judged[0].wrong && !alarms(line);
     let report = table(report, scores, "False alarms.", &alarms);
     let report = table(report, scores, "Confident and wrong.", &wrong);

@@ -9,7 +9,7 @@ use crate::statistics::{Calibration, Rate};
 const COLOURS: [&str; 4] = ["#0072b2", "#d55e00", "#009e73", "#e69f00"];
 const GREY: &str = "#8f8f8f";
 
-/// Returns the position of a bin: the middle of its logarithm, with open bins as wide as the others.
+/// Returns the position of a bin: its geometric mean in per cent, with open bins taken to be as wide as the others.
 fn middle(bin: usize) -> f64 {
     let (low, high) = (GAPS[bin], GAPS[bin + 1]);
     let (low, high) = (if low == 0.0 { high / 2.0 } else { low }, if high.is_infinite() { 2.0 * low } else { high });
@@ -18,7 +18,7 @@ fn middle(bin: usize) -> f64 {
 
 type Reading = fn(&Totals) -> Rate;
 
-/// Plots percentages against strength.
+/// Returns the rate in each bin of strength that has cases, with the position of the bin.
 fn points(scores: &Scores, by: &str, who: usize, read: Reading) -> Vec<(f64, Rate)> {
     (0..GAPS.len() - 1)
         .filter_map(|bin| Some((middle(bin), read(scores.totals(by, &gap_bin(bin), who)?))))
@@ -40,7 +40,7 @@ fn strength() -> Axis {
 }
 
 fn percent(label: &str) -> Axis {
-    // A little more than there is, so that markers at the ends are whole.
+    // The range is a little wider than 0 to 100, so that markers at its ends are drawn whole.
     Axis::linear(label).range(-4.0, 104.0).step(25.0)
 }
 
@@ -61,7 +61,7 @@ fn panel(scores: &Scores, label: &str, read: Reading, chance: Option<f64>) -> Ch
     Chart { title: String::new(), x: strength(), y: percent(label), series, height: 190.0 }
 }
 
-/// Plots power and wrong names against strength, if any case has a single effect.
+/// Plots power and confident wrong names against strength, if any case has a single effect.
 pub(crate) fn power(scores: &Scores) -> Option<String> {
     (!points(scores, GAP, 0, |t| t.exact).is_empty()).then(|| {
         charts(&[
@@ -127,7 +127,7 @@ pub(super) fn power_by_effect(scores: &Scores) -> String {
     })
 }
 
-/// Plots stated probabilities against observed frequencies: each calibration with its name and colour, the last one
+/// Plots observed frequencies against stated probabilities: each calibration with its name and colour, the last one
 /// with its 95 % interval.
 fn diagram(of: &[(&str, &Calibration, &str)], label: &str) -> String {
     let mut series = vec![Series::line("perfect", vec![(0.0, 0.0), (100.0, 100.0)]).colour(GREY).dashed()];
@@ -143,8 +143,8 @@ fn diagram(of: &[(&str, &Calibration, &str)], label: &str) -> String {
     chart(&Chart { title: String::new(), x, y: percent("it is true, %"), series, height: 220.0 })
 }
 
-/// Returns the reliability diagram: of main causes and named effects where truths are imperfect, otherwise of first
-/// explanations.
+/// Returns the reliability diagram: of first explanations and named effects if truths are imperfect, otherwise of the
+/// first explanations of all answerers.
 pub(crate) fn reliability(scores: &Scores) -> Option<String> {
     if let Some(all) = scores.main_cause.first() {
         let of = [

@@ -5,7 +5,7 @@ use plid_report::{Report, Table};
 use super::{cell, number, share, words};
 use crate::scores::Scores;
 
-/// The results in sentences.
+/// Returns the results in sentences.
 pub(super) fn sentences(scores: &Scores) -> Vec<String> {
     let Some(all) = scores.main_cause.first() else { return Vec::new() };
     vec![
@@ -18,7 +18,7 @@ pub(super) fn sentences(scores: &Scores) -> Vec<String> {
     ]
 }
 
-/// The main cause by family, arm and nuisance.
+/// Adds the table of main causes by family, arm and nuisance.
 pub(super) fn section(report: Report, scores: &Scores) -> Report {
     if scores.main_cause.is_empty() {
         return report;

@@ -1,5 +1,5 @@
-//! The report of a trial: how often the right effect is named, and how often a wrong one with confidence, against
-//! strength; the targets; and the tables.
+//! The report of a trial: how often the right effect is named, and how often a wrong one is named with confidence,
+//! against the strength of the effect; the targets; and the tables.
 
 mod cases;
 mod curves;

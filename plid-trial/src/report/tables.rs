@@ -128,7 +128,7 @@ fn answerers(report: Report, scores: &Scores) -> Report {
     )
 }
 
-/// Adds the gaps that a black box leaves, beside those of the answers.
+/// Adds the gaps that a black box leaves, in comparison with those of the answers.
 fn ceiling(report: Report, scores: &Scores) -> Report {
     if scores.ceiling.is_empty() {
         return report;

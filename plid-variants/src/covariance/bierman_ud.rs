@@ -17,7 +17,7 @@ pub type BiermanUd<B> = Factored<B, UdRule>;
 pub struct UdRule;
 
 impl FactorRule for UdRule {
-    // One entry of U and one of the gain change.
+    // One entry of U and one entry of the gain change.
     const MEASUREMENT_FLOPS: f64 = 4.0;
     // Gram-Schmidt processes whole rows.
     const TRIANGULARISATION_FLOPS: f64 = 8.0 / 3.0;

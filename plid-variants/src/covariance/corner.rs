@@ -9,8 +9,8 @@ pub struct Advance<S> {
     layout: PanelLayout,
     /// The c_k.
     outputs: Vec<usize>,
-    /// The distances before the diagonal at which J has ones. `shifts` shows in which rows (the rows of a panel, one
-    /// column per distance).
+    /// The distances before the diagonal at which J has ones. `shifts` marks the rows of these ones (the rows of a
+    /// panel, one column per distance).
     offsets: Vec<usize>,
     shifts: Dense<S>,
     /// The columns abar_k (rows of a panel x p).
@@ -85,7 +85,7 @@ pub struct Corner<S> {
 }
 
 /// Unused numbers between the columns of W. Without them, the entries of a row would share a few cache lines. At most
-/// as many are left out at the beginning.
+/// as many numbers are left unused at the beginning.
 const GAP: usize = PanelLayout::ROWS;
 
 /// Returns W in its storage, with `columns` columns of `rows` rows. It begins at a cache line, because the kernels

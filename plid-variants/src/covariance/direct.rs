@@ -22,7 +22,7 @@ impl UpdateRule for DirectRule {
         mut right: ViewMut<'_, S>,
     ) {
         let k = innovations.gain.columns();
-        // K L, twice: an exactly symmetric product.
+        // K L twice, which gives an exactly symmetric product.
         for j in 0..k {
             let column = left.column_mut(j);
             column.fill(S::zero());

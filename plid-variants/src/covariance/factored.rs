@@ -11,7 +11,7 @@ use plid_core::{
 use super::corner::{Corner, Laid};
 use super::triangular::{Triangular, Updates};
 
-/// How the factors of P are kept and updated.
+/// The rule by which the factors of P are kept and updated.
 pub trait FactorRule: Clone + Send + Sync + 'static {
     /// Operations per entry of the factor and per measurement.
     const MEASUREMENT_FLOPS: f64;
@@ -34,13 +34,13 @@ pub trait FactorRule: Clone + Send + Sync + 'static {
         d: &mut [B::Scalar],
     );
 
-    /// Returns the first pivot that is no longer sound after a time update.
+    /// Returns an error with the first pivot that is no longer sound after a time update.
     fn check<B: Backend>(factors: &Triangular<B>) -> Result<(), BadPivot>;
 
     /// Adds variance `c` to entry `place` of s.
     fn inflate<B: Backend>(factors: &mut Triangular<B>, place: usize, c: B::Scalar);
 
-    /// P <- `factor` P.
+    /// Multiplies P by `factor`.
     fn scale<B: Backend>(factors: &mut Triangular<B>, factor: B::Scalar);
 
     /// Returns pivot `j` of U diag(d) U^T with U unit triangular.
@@ -156,8 +156,9 @@ fn update_flops<R: FactorRule>(size: &StepSize) -> Vec<Term> {
     ]
 }
 
-/// Weights = V V^T with V triangular: column k of V sums the blocks k .. t of each column of block t. Then the squares
-/// are added up: n^2 for each column, or less in block k itself, which is triangular.
+/// Returns the operations of the sums of blocks. Weights = V V^T with V triangular: column k of V sums the blocks
+/// k .. t of each column of block t. Then the squares are added up: n^2 for each column, or less in block k itself,
+/// which is triangular.
 fn block_flops(size: &StepSize, _pairs: f64) -> Vec<Term> {
     let (n, c) = (size.n, size.columns());
     vec![

@@ -75,8 +75,8 @@ fn symmetric_column<S: Scalar>(p: View<'_, S>, c: usize, out: &mut [S]) {
 }
 
 impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
-    /// `observe` writes P H^T into the first `k` columns of its second argument; `output` and `sensor` hold H P H^T
-    /// and R. Computes the gain and corrects P.
+    /// Computes the gain and corrects P. `observe` writes P H^T into the first `k` columns of its second argument;
+    /// `output` and `sensor` hold H P H^T and R.
     fn correct(
         &mut self,
         k: usize,
@@ -215,7 +215,8 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         let Transition { abar, phi, qbar, .. } = transition;
         let (abar, rows) = (abar.view(), model.output_states());
         let outputs = &mut self.work[..rows.len()];
-        // W = P_xx Abar^T + ((phi (x) I) P_{theta x})^T. First, both triangles of P_xx, with the diagonal only once.
+        // W = P_xx Abar^T + ((phi (x) I) P_{theta x})^T. First, both triangles of P_xx are formed, with the diagonal
+        // only once.
         for c in 0..n {
             let column = &self.p.view().column(c)[..n];
             self.product.column_mut(c).copy_from_slice(column);
@@ -328,7 +329,8 @@ impl<B: Backend, R: UpdateRule> Form for Symmetric<B, R> {
     };
 }
 
-/// Each of the `corrections` of the measurement update subtracts a product of rank p from P.
+/// Returns the operations of the updates. Each of the `corrections` of the measurement update subtracts a product of
+/// rank p from P.
 fn update_flops(size: &StepSize, corrections: f64) -> Vec<Term> {
     let (n, p, c, joint) = (size.n, size.p, size.columns(), size.joint());
     vec![
@@ -353,8 +355,8 @@ fn update_flops(size: &StepSize, corrections: f64) -> Vec<Term> {
     ]
 }
 
-/// A symmetric block on the diagonal has n (n + 1) / 2 entries that count. A block off the diagonal has n^2, and the
-/// sum of these blocks is added to its transpose.
+/// Returns the operations of the sums of blocks. A symmetric block on the diagonal has n (n + 1) / 2 entries that
+/// count. A block off the diagonal has n^2, and the sum of these blocks is added to its transpose.
 fn block_flops(size: &StepSize, pairs: f64) -> Vec<Term> {
     let (n, c) = (size.n, size.columns());
     let mirrored = if pairs > 0.0 { n * n } else { 0.0 };

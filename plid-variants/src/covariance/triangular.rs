@@ -51,9 +51,9 @@ type Recursion<S> = fn(ViewMut<'_, S>, &mut [S], &mut [S], ViewMut<'_, S>, ViewM
 pub struct Updates<S> {
     /// Computes the spread of an innovation from its variance.
     pub spread: fn(S) -> S,
-    /// As [`Kernels::bierman_recursion`].
+    /// A recursion such as [`Kernels::bierman_recursion`].
     pub recursion: Recursion<S>,
-    /// As [`Kernels::bierman_sweep`].
+    /// A sweep such as [`Kernels::bierman_sweep`].
     pub sweep: fn(ViewMut<'_, S>, View<'_, S>, ViewMut<'_, S>),
 }
 
@@ -299,7 +299,7 @@ impl<B: Backend> Triangular<B> {
         true
     }
 
-    /// Returns the first entry of d that is negative or not finite.
+    /// Returns an error with the first entry of d that is negative or not finite.
     pub fn check(&self) -> Result<(), BadPivot> {
         match self.d.iter().position(|d| !(d.is_finite() && *d >= B::Scalar::zero())) {
             Some(index) => Err(BadPivot { index, value: self.d[index].to_f64() }),

@@ -1,7 +1,7 @@
 //! Preparation of a record that is not held in memory.
 //!
 //! The file is read several times: for its length and its sample rate; for the means; for the divisors; then by the
-//! caller, as [`Parts`]. Only a window of it is kept, the samples around the end of the training part.
+//! caller, as [`Parts`]. Only a window is kept in memory: the samples around the end of the training part.
 
 mod parts;
 mod source;
@@ -24,11 +24,11 @@ use survey::{Rate, Survey};
 /// A prepared record in a file.
 #[derive(Debug)]
 pub struct Streamed {
-    /// The samples of the prepared record that are in its window.
+    /// The range of samples of the prepared record that are in the window.
     pub window: Range<usize>,
     /// Number of samples of the prepared record.
     pub samples: usize,
-    /// Number of its samples for training.
+    /// Number of its training samples.
     pub training: usize,
     /// Whether any output has a missing sample.
     pub has_missing: bool,
@@ -55,12 +55,14 @@ impl Streamed {
     }
 }
 
-/// Receives the name of a pass, and the numbers of samples done and in total; the total is 0 while it is not known.
+/// Receives the name of a pass, the number of samples that have been read, and their total number, which is 0 while it
+/// is not known.
 pub type Tell<'a> = &'a mut dyn FnMut(&'static str, usize, usize);
 
 /// Prepares a record as [`super::prepare`] does, with its leading share `training_share` for training. At most `window`
-/// samples before and after the end of the training part are held in memory: they are the first result, prepared with
-/// the means and divisors of the whole training part. They decide whether the input is advanced, and the bands.
+/// samples on each side of the end of the training part are held in memory. They are the first result, and are prepared
+/// with the means and divisors of the whole training part. These samples decide whether the input is advanced, and
+/// determine the bands.
 ///
 /// # Errors
 /// Returns the errors of [`super::prepare`] and of [`crate::select`], and [`PrepareError::NotInBlocks`] for a step that
@@ -97,7 +99,7 @@ pub fn prepare(
     let scale = |records: &mut [Record], _: &[usize], advanced: bool| {
         conversion.advanced = advanced;
         if preparation.scaling == Scaling::Rms {
-            conversion.scales = divisors(&source, &conversion, cut - usize::from(advanced), tell)?;
+            conversion.scales = divisors(&source, &conversion, cut.saturating_sub(advanced.into()), tell)?;
         }
         divide(&mut records[0], &conversion.scales);
         Ok(conversion.scales.clone())
@@ -125,7 +127,7 @@ struct Second<'a> {
     survey: &'a Survey,
     /// End of the training part.
     cut: usize,
-    /// The samples that are kept.
+    /// The range of samples that are kept.
     held: Range<usize>,
 }
 
@@ -174,8 +176,8 @@ impl Second<'_> {
     }
 }
 
-/// A sum over the values that are not missing, in their order, so that it is the same to the bit as over a whole
-/// column.
+/// A sum over the values that are not missing, in their order, so that it is identical to the bit to the sum over a
+/// whole column.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     sum: f64,
@@ -188,7 +190,7 @@ impl Sum {
     }
 }
 
-/// Adds `of` of the values of each column.
+/// Adds the function `of` of each value to the sum of its column.
 fn add(sums: &mut [Sum], values: ArrayView2<'_, f64>, of: fn(f64) -> f64) {
     for (sum, column) in sums.iter_mut().zip(values.columns()) {
         for &value in column.iter().filter(|v| !v.is_nan()) {
@@ -198,7 +200,8 @@ fn add(sums: &mut [Sum], values: ArrayView2<'_, f64>, of: fn(f64) -> f64) {
     }
 }
 
-/// The third pass over a file: the RMS of each channel over the first `training` samples of the prepared record.
+/// Makes the third pass over a file. Returns the RMS of each channel over the first `training` samples of the prepared
+/// record.
 fn divisors(
     source: &Source,
     conversion: &Conversion,

@@ -8,7 +8,7 @@ use ndarray::{Array1, Array2, Axis, concatenate, s};
 /// Consecutive samples of a prepared record.
 #[derive(Clone, Debug)]
 pub struct Part {
-    /// Inputs (rows x m), advanced where they are.
+    /// Inputs (rows x m), which are advanced if the preparation advances them.
     pub inputs: Array2<f64>,
     /// Outputs (rows x p); NaN where a sample is missing.
     pub outputs: Array2<f64>,
@@ -22,7 +22,7 @@ impl Part {
     }
 }
 
-/// What the preparation does to each sample.
+/// The conversion that the preparation applies to each sample.
 #[derive(Clone, Debug)]
 pub(super) struct Conversion {
     /// Offsets of inputs and outputs.
@@ -46,9 +46,9 @@ impl Conversion {
 pub struct Parts<'a> {
     raw: RawBlocks<'a>,
     conversion: Conversion,
-    /// The outputs whose advanced inputs are in the next block.
+    /// The last outputs of the present block, whose advanced inputs are in the next block.
     last: Option<Vec<f64>>,
-    /// Samples that are left out at the beginning.
+    /// Number of samples that are still to be left out at the beginning.
     skip: usize,
 }
 
@@ -57,7 +57,7 @@ impl<'a> Parts<'a> {
         Ok(Self { raw: RawBlocks::open(source)?, conversion, last: None, skip })
     }
 
-    /// The next samples; `None` after the last one.
+    /// Returns the next samples; `None` after the last ones.
     ///
     /// # Errors
     /// Returns the errors of [`crate::Blocks::next_block`] and of [`crate::channels`].
@@ -82,7 +82,7 @@ impl<'a> Parts<'a> {
         }
     }
 
-    /// Pairs each output with the next input; the last output waits for the next block.
+    /// Pairs each output with the next input. The last output waits for the next block.
     fn advance(&mut self, inputs: Array2<f64>, outputs: &Array2<f64>) -> Part {
         let rows = outputs.nrows();
         let kept = outputs.slice(s![..rows - 1, ..]);
@@ -96,8 +96,8 @@ impl<'a> Parts<'a> {
         }
     }
 
-    /// The prepared outputs of the last sample, which an advanced input does not reach; `None` if inputs are not
-    /// advanced.
+    /// Returns the prepared outputs of the last sample, which an advanced input does not reach; `None` if the inputs
+    /// are not advanced.
     pub fn last_output(&self) -> Option<&[f64]> {
         self.last.as_deref()
     }

@@ -5,10 +5,10 @@ use crate::{Blocks, DataError, MissingPolicy, Table, channels};
 use ndarray::Array2;
 use std::path::PathBuf;
 
-/// Rows of a block.
+/// Number of rows of a block.
 pub(super) const ROWS: usize = 8192;
 
-/// A record in a file that can be read in [`Blocks`], and the channels that are used of it.
+/// A record in a file that can be read in [`Blocks`], and those of its channels that are used.
 #[derive(Clone, Debug)]
 pub struct Source {
     /// The file.
@@ -42,7 +42,7 @@ impl<'a> RawBlocks<'a> {
         Ok(Self { source, blocks: Blocks::open(&source.file)? })
     }
 
-    /// The next block, each value checked as [`crate::select`] does.
+    /// Returns the next block. Each value is checked as by [`crate::select`].
     pub fn next(&mut self) -> Result<Option<Raw>, DataError> {
         let Some(table) = self.blocks.next_block(ROWS)? else { return Ok(None) };
         let inputs = channels(&table, &self.source.inputs, MissingPolicy::Error)?;

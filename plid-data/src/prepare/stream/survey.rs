@@ -8,7 +8,7 @@ use crate::{DataError, Table, Warning};
 use ndarray::ArrayView1;
 use std::collections::BTreeMap;
 
-/// What is known of a record after the first pass.
+/// The properties of a record that are known after the first pass.
 pub(super) struct Survey {
     pub samples: usize,
     /// Whether any output has a missing sample.
@@ -26,17 +26,19 @@ pub(super) enum Rate {
     Times(TimeLine),
 }
 
-/// A column of time, whose values must lie near the straight line from the first to the last.
+/// A column of time, whose values must lie near the straight line from the first time to the last.
 #[derive(Clone, Debug)]
 pub(super) struct TimeLine {
     column: String,
     unit_s: f64,
     first: f64,
-    /// The last time so far.
+    /// The last time that has been read.
     last: f64,
-    /// Place of the last time.
+    /// Number of times that have been read.
     count: usize,
     off_the_line: f64,
+    /// The last time of the preceding block in the second pass.
+    before: Option<f64>,
     /// The step that differs most from the mean step, and the place of its later sample.
     worst: (f64, String),
 }
@@ -112,7 +114,7 @@ impl Spread {
         }
     }
 
-    /// RMS about the mean.
+    /// Returns the RMS about the mean.
     fn rms(&self) -> f64 {
         let count = self.count.max(1.0);
         (self.squares / count - (self.sum / count).powi(2)).max(0.0).sqrt()
@@ -122,10 +124,11 @@ impl Spread {
 impl TimeLine {
     fn new(column: &str, unit_s: f64) -> Self {
         let worst = (f64::NAN, String::new());
-        Self { column: column.into(), unit_s, first: f64::NAN, last: f64::NAN, count: 0, off_the_line: 0.0, worst }
+        let (first, last) = (f64::NAN, f64::NAN);
+        Self { column: column.into(), unit_s, first, last, count: 0, off_the_line: 0.0, before: None, worst }
     }
 
-    /// The times of a block; each must be finite.
+    /// Returns the times of a block, which must all be finite.
     fn times<'t>(&self, table: &'t Table) -> Result<ArrayView1<'t, f64>, DataError> {
         let times = table.column(&self.column).unwrap_or_else(|| ArrayView1::from(&[]));
         let Some(k) = times.iter().position(|t| !t.is_finite()) else { return Ok(times) };
@@ -133,7 +136,7 @@ impl TimeLine {
         Err(DataError::NotFinite { file, channel, at: table.place(k), value: times[k] })
     }
 
-    /// Takes the times of the next block in the first pass, which finds the line.
+    /// Takes the times of the next block. This first pass finds the line.
     fn follow(&mut self, table: &Table) -> Result<(), DataError> {
         let times = self.times(table)?;
         if self.count == 0 {
@@ -148,24 +151,25 @@ impl TimeLine {
         (self.last - self.first) / (self.count - 1) as f64
     }
 
-    /// Compares the times of a block with the line, in the second pass.
+    /// Compares the times of a block with the line in the second pass.
     pub fn compare(&mut self, table: &Table) -> Result<(), DataError> {
         let (times, step) = (self.times(table)?, self.step());
         for (k, time) in times.iter().enumerate() {
             let off = (time - self.first - (table.first + k) as f64 * step).abs();
             self.off_the_line = self.off_the_line.max(off);
-            if k > 0 {
-                let own = time - times[k - 1];
+            if let Some(before) = self.before {
+                let own = time - before;
                 // A comparison with NaN is false.
                 if !((own - step).abs() <= (self.worst.0 - step).abs()) {
                     self.worst = (own, table.place(k));
                 }
             }
+            self.before = Some(*time);
         }
         Ok(())
     }
 
-    /// The rate in Hz, after the second pass.
+    /// Returns the rate in Hz after the second pass.
     pub fn rate(&self, source: &Source) -> Result<f64, DataError> {
         let step = self.step();
         let rate = rate_of_line(step, self.off_the_line, self.count - 1, self.unit_s);

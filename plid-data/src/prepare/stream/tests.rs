@@ -5,7 +5,7 @@ use crate::{MissingPolicy, read, select};
 use ndarray_npy::WriteNpyExt;
 use std::path::{Path, PathBuf};
 
-/// A record of two inputs and two outputs that answer at once, longer than three blocks.
+/// Returns a record of two inputs and two outputs with direct feedthrough, which is longer than three blocks.
 fn columns(missing: bool) -> Array2<f64> {
     let mut g = Gaussian::new(5);
     let mut all = Array2::from_shape_fn((3 * source::ROWS + 17, 4), |_| g.draw());
@@ -85,7 +85,7 @@ fn a_streamed_record_is_the_one_that_is_prepared_in_memory_to_the_bit() {
     }
 }
 
-/// The places are in the second and third block, where a count within a block would be wrong.
+/// The bad values are in the second and third blocks, where a count within a block would be wrong.
 #[test]
 fn bad_cells_are_named_as_in_memory() {
     let folder = tempfile::tempdir().unwrap();
@@ -114,7 +114,7 @@ fn the_rate_comes_from_times_and_a_lost_sample_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.csv");
     let mut g = Gaussian::new(3);
-    let mut rows: Vec<String> =
+    let rows: Vec<String> =
         (0..20_000).map(|k| format!("{:.4},{},{}", f64::from(k) / 1600.0, g.draw(), g.draw())).collect();
     let names = |name: &str| vec![name.to_owned()];
     let source = Source {
@@ -129,9 +129,26 @@ fn the_rate_comes_from_times_and_a_lost_sample_is_found() {
         prepare(source.clone(), 0.5, &Preparation::default(), 1000, &mut |_, _, _| ())
     };
     assert_eq!(go(&rows).unwrap().0.records[0].sample_rate_hz, 1600.0);
-    rows.remove(10_000);
-    let said = go(&rows).unwrap_err().to_string();
-    assert!(said.contains("line 10002:"), "{said}");
+    // The second sample is the first of a block.
+    for lost in [10_000, source::ROWS] {
+        let mut rows = rows.clone();
+        rows.remove(lost);
+        let said = go(&rows).unwrap_err().to_string();
+        assert!(said.contains(&format!("line {}:", lost + 2)), "{said}");
+    }
+}
+
+/// A training share of less than half a sample leaves no sample to the divisors where the input is advanced.
+#[test]
+fn a_tiny_training_share_does_not_panic() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = source_of(write(folder.path(), "a.npy", &columns(false)));
+    let how = Preparation { advance: Advance::Yes, scaling: Scaling::Rms, ..Preparation::default() };
+    let table = read(&source.file, None).unwrap();
+    let (record, _) = select(&table, &source.inputs, &source.outputs, source.rate_hz, source.missing).unwrap();
+    let whole = in_memory(vec![record], &[1e-6], &how).map(|prepared| prepared.training);
+    let streamed = prepare(source, 1e-6, &how, 100, &mut |_, _, _| ()).map(|(prepared, _)| prepared.training);
+    assert_eq!(format!("{streamed:?}"), format!("{whole:?}"));
 }
 
 #[test]

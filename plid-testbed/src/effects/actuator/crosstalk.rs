@@ -1,4 +1,4 @@
-//! One channel's voltage on another's actuator: u'_j = u_j + c u_i.
+//! Cross-talk from one channel's voltage to another channel's actuator: u'_j = u_j + c u_i.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -15,7 +15,7 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActuatorCrosstalk {
-    /// From i into j.
+    /// From input i into input j.
     pub at: InputPair,
     /// c; either sign.
     pub share: f64,

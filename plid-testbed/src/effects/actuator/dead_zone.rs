@@ -1,4 +1,4 @@
-//! An actuator that does not feel small voltages: u' = sign(u) max(|u| - delta, 0).
+//! An actuator that does not respond to small voltages: u' = sign(u) max(|u| - delta, 0).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

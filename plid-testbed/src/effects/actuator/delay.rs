@@ -1,4 +1,4 @@
-//! An actuator that acts later: u'(t) = u(t - tau) of the held command, fractions of a sample too.
+//! An actuator with a delay: u'(t) = u(t - tau) of the held command, also for fractions of a sample.
 
 use std::collections::VecDeque;
 
@@ -43,7 +43,8 @@ impl ActuatorEffect for Delayed {
 }
 
 impl Delayed {
-    /// Mean of an input from one time to another, in samples since the newest began. Before the record it is zero.
+    /// Returns the mean of an input between two times, in samples since the newest one began. Before the record, the
+    /// input is zero.
     fn mean(&self, input: usize, edges: &[f64], from: f64, to: f64) -> f64 {
         let mut area = 0.0;
         for (age, sample) in self.past.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! An actuator of another gain: u' = g u.
+//! An actuator with a different gain: u' = g u.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

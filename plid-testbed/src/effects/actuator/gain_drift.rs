@@ -22,7 +22,7 @@ pub struct ActuatorGainDrift {
     pub at: Input,
     /// r, 1/s; either sign.
     pub rate_per_s: f64,
-    /// Its course in time.
+    /// The course of the change in time.
     #[serde(default, with = "written")]
     pub law: Course,
 }
@@ -30,7 +30,7 @@ pub struct ActuatorGainDrift {
 impl ActuatorEffect for ActuatorGainDrift {
     fn apply(&mut self, span: &Span, u: &mut [[f64; INPUTS]]) {
         for (piece, edges) in u.iter_mut().zip(span.edges.windows(2)) {
-            // The mean over the piece is the value at its middle.
+            // For a linear course, the mean over the piece is the value at its middle.
             let t_s = span.start_s + (edges[0] + edges[1]) / 2.0 * span.sample_s;
             piece[self.at.0] *= 1.0 + self.rate_per_s * self.law.at(t_s);
         }

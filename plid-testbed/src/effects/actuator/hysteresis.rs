@@ -1,4 +1,4 @@
-//! A piezo's hysteresis: u' = u - z with z following the voltage until it yields.
+//! Hysteresis of a piezo: u' = u - z, where z follows the voltage until it yields.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

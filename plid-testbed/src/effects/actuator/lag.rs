@@ -1,4 +1,4 @@
-//! A slower actuator: its pole moves.
+//! A slower actuator, whose pole moves.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -10,7 +10,7 @@ use crate::effects::place::Input;
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
-/// The actuator's pole, if it has one, moves to fp, and else it gets one there; its gain at rest stays 1.
+/// The pole of the actuator moves to fp, or the actuator gets a pole at fp if it had none. Its static gain stays 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActuatorLag {
@@ -18,7 +18,7 @@ pub struct ActuatorLag {
     pub at: Input,
     /// fp, Hz; positive.
     pub pole_hz: f64,
-    /// Where the pole was, Hz: the strength counts from there. `None` if the actuator had no pole.
+    /// The original pole, Hz, from which the strength is measured. `None` if the actuator had no pole.
     #[serde(default = "usual_pole_hz", skip_serializing_if = "is_usual")]
     pub from_hz: Option<f64>,
 }
@@ -44,7 +44,7 @@ impl Law for ActuatorLag {
 
     fn strengthen(&mut self, factor: f64) {
         self.pole_hz = match self.from_hz {
-            // By the ratio of the two poles, which stays positive.
+            // The strength acts on the ratio of the two poles, so that the pole stays positive.
             Some(from_hz) => from_hz * (self.pole_hz / from_hz).powf(factor),
             None => self.pole_hz / factor,
         };

@@ -1,4 +1,4 @@
-//! An amplifier that runs out of voltage: u' = a tanh(u / a).
+//! An amplifier that saturates: u' = a tanh(u / a).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

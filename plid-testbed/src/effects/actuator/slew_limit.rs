@@ -1,4 +1,4 @@
-//! An amplifier that can change its voltage only so fast: |du'/dt| <= R, also between samples.
+//! An amplifier with a limited slew rate: |du'/dt| <= R, also between samples.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -21,7 +21,7 @@ pub struct ActuatorSlewLimit {
     pub at: Input,
     /// R, V/s; positive.
     pub rate_v_per_s: f64,
-    /// How it follows.
+    /// The way in which u' follows u.
     #[serde(default, with = "written")]
     pub law: SlewLaw,
 }
@@ -41,8 +41,9 @@ pub enum SlewLaw {
 }
 
 impl Laws for SlewLaw {
-    /// An amplifier whose input stage saturates slews while it is off by more than e. Commands have about 1 V RMS: with
-    /// the smallest e it is almost the hard limit, to which it tends, and with the largest it seldom slews fully.
+    /// An amplifier whose input stage saturates slews while its error exceeds e. Commands have about 1 V RMS. With
+    /// the smallest e, the law is almost the hard limit, to which it tends; with the largest e, the amplifier seldom
+    /// slews at its full rate.
     const SHAPES: &'static [Shape] = &[Shape {
         law: "soft",
         number: "within_v",
@@ -58,13 +59,13 @@ struct Slewing {
     voltage: f64,
 }
 
-/// The distance to the target after `t`, where it was `left` at first.
+/// Returns the distance to the target after `t`, if it is `left` at first.
 fn remaining(law: SlewLaw, left: f64, rate: f64, t: f64) -> f64 {
     let size = match law {
         SlewLaw::Hard => (left.abs() - rate * t).max(0.0),
         SlewLaw::Soft { within_v: e } => {
-            // With w = left / e: dw/dt = -tanh(w) R / e, so sinh(w) decays as exp(-R t / e). Far above 1, sinh is an
-            // exponential.
+            // With w = left / e: dw/dt = -tanh(w) R / e, so sinh(w) decays as exp(-R t / e). For w far above 1,
+            // sinh(w) is an exponential.
             let w = left.abs() / e;
             let steps = rate * t / e;
             let end = if w - steps > 20.0 { w - steps } else { (log_sinh(w) - steps).exp().asinh() };
@@ -85,7 +86,7 @@ impl ActuatorEffect for Slewing {
             let left = target - self.voltage;
             let to_go = |t: f64| remaining(self.law, left, self.rate, t);
             let mean = match self.law {
-                // The area under a triangle that may be cut off.
+                // The area under a triangle, which the end of the piece may cut off.
                 SlewLaw::Hard => {
                     let ramp_s = (left.abs() / self.rate).min(length_s);
                     ramp_s * (left + to_go(ramp_s)) / 2.0 / length_s
@@ -176,7 +177,8 @@ mod tests {
         let span = Span { start_s: 0.0, sample_s: 1e-3, edges: &[0.0, 0.25, 1.0] };
         let mut u = [[0.5, 0.0, 0.0]; 2];
         slewing.apply(&span, &mut u);
-        // 0 to 0.25 V in the first quarter; then 0.25 ms up to 0.5 V, and 0.5 ms there.
+        // The voltage rises to 0.25 V in the first quarter, then to 0.5 V in another 0.25 ms, and stays there for 0.5
+        // ms.
         assert!((u[0][0] - 0.125).abs() < 1e-12, "{u:?}");
         assert!((u[1][0] - (0.375 * 0.25 + 0.5 * 0.5) / 0.75).abs() < 1e-12, "{u:?}");
     }

@@ -47,7 +47,8 @@ impl Band {
         let step = PI / sample_rate_hz;
         let r = (-step * config.relative_width * config.frequency_hz).exp();
         let [a1, a2] = [2.0 * r * (2.0 * step * config.frequency_hz).cos(), -r * r];
-        // Of a stationary second-order process: its first correlation, and the innovation that gives unit variance.
+        // For a stationary second-order process: its first autocorrelation, and the innovation that gives unit
+        // variance.
         let correlation = a1 / (1.0 - a2);
         let innovation = ((1.0 + a2) * ((1.0 - a2).powi(2) - a1 * a1) / (1.0 - a2)).sqrt();
         let (first, second): (f64, f64) = (StandardNormal.sample(&mut rng), StandardNormal.sample(&mut rng));
@@ -100,8 +101,8 @@ impl Law for ColouredDisturbance {
     }
 }
 
-/// Relative widths from which is drawn, where a tenth is not the only one: from a rotor whose speed varies by some per
-/// cent to a flow that is broadly turbulent.
+/// Relative widths from which one is drawn, if the width is not fixed at a tenth. They range from a rotor whose speed
+/// varies by a few per cent to a flow with broadband turbulence.
 const WIDTHS: Halves<[f64; 2]> = Halves { development: &[[0.07, 0.15]], reported: &[[0.03, 0.05], [0.2, 0.35]] };
 
 impl Described for ColouredDisturbance {
@@ -133,7 +134,7 @@ mod tests {
             let values: Vec<f64> = (0..60).map(|_| band.force(0.0)).collect();
             first += values[0] * values[0];
             late += values[59] * values[59];
-            // A sixth of a period apart.
+            // The two values are 0.15 of a period apart.
             product += values[40] * values[42];
         }
         let [first, late, product] = [first, late, product].map(|sum| sum / runs as f64 / 0.09);

@@ -1,4 +1,4 @@
-//! Forces along a strut that come from elsewhere, not through an actuator.
+//! Forces along a strut that do not come from an actuator.
 
 mod coloured;
 mod narrowband;

@@ -1,4 +1,4 @@
-//! A machine that runs nearby: force a sin(2 pi f t + phi), held over a sample.
+//! A machine that runs nearby. It causes the force a sin(2 pi f t + phi), held over a sample.
 
 use std::f64::consts::{PI, TAU};
 
@@ -29,29 +29,29 @@ pub struct NarrowbandDisturbance {
     /// phi, rad.
     #[serde(default)]
     pub phase_rad: f64,
-    /// How steady it runs.
+    /// The steadiness of the machine.
     #[serde(default, with = "written")]
     pub law: NarrowbandLaw,
 }
 
-/// How steady a machine runs.
+/// The steadiness of a machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum NarrowbandLaw {
     /// A sine.
     #[default]
     Steady,
-    /// Its phase walks at random.
+    /// A sine whose phase is a random walk.
     Wandering {
-        /// Standard deviation of the phase after a second, rad; zero or more. It grows with the root of the time.
+        /// Standard deviation of the phase after a second, rad; zero or more. It grows with the square root of time.
         rad_per_root_s: f64,
     },
 }
 
 impl Laws for NarrowbandLaw {
-    /// The line of such a machine is r^2 / (2 pi) Hz wide at half its power: from a hundredth of a hertz, of a motor
-    /// whose speed is controlled, to some hertz of a free one. Records of a structure last 2 to 8 s, so that the
-    /// narrowest are hardly wider than a steady line, which they are without the walk.
+    /// The line of such a machine is r^2 / (2 pi) Hz wide at half its power. The width ranges from a hundredth of a
+    /// hertz, for a motor with controlled speed, to several hertz for a free one. Records of a structure last 2 to 8
+    /// s, so the narrowest lines are hardly wider than a steady one. Without the random walk, the line is steady.
     const SHAPES: &'static [Shape] = &[Shape {
         law: "wandering",
         number: "rad_per_root_s",

@@ -1,4 +1,4 @@
-//! A sensor that mixes two others: y'_i = y_i + c y_j y_l.
+//! A sensor that picks up the product of two others: y'_i = y_i + c y_j y_l.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -12,7 +12,7 @@ use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use ndarray::Array2;
 
-/// y'_i = y_i + c y_j y_l, j and l being the two other outputs.
+/// y'_i = y_i + c y_j y_l, where j and l are the two other outputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChannelProduct {
@@ -57,7 +57,7 @@ impl Described for ChannelProduct {
     const FAMILY: Family = Family::Outside(Half::Development);
     const AT: At = At::Output;
     const ON: &'static [On] = &[On::Structure];
-    // A product of two other outputs.
+    // The product needs two other outputs.
     const LEAST_OUTPUTS: usize = 3;
 
     fn start(draw: &mut Draw<'_>) -> Value {

@@ -12,8 +12,8 @@ use crate::effects::sensor::{LOOK_AHEAD, band_limited};
 use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
-/// y'(t_k) = y((1 - e) t_k), with the time t_k since the record began: the channel is triggered with the others, and
-/// takes each sample earlier than they do by a delay that grows.
+/// y'(t_k) = y((1 - e) t_k), where t_k is the time since the record began. The channel is triggered with the others,
+/// and takes each sample earlier than they do, by a time that grows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClockSkew {
@@ -72,7 +72,8 @@ mod tests {
 
     use super::*;
 
-    /// A sine that is sampled by a fast clock is a sine of a lower frequency, with the same phase at the start.
+    /// A sine that is sampled by a fast clock appears as a sine of a lower frequency, with the same phase at the
+    /// start.
     #[test]
     fn a_fast_clock_lowers_the_frequency() {
         let (f, fast) = (0.13, 0.003);
@@ -85,7 +86,7 @@ mod tests {
             assert!(error.abs() < 1e-4, "{error} at {k}");
             assert_eq!(y[(k, 0)], sine(f, k));
         }
-        // After these samples it is late by more than two of them.
+        // After 1000 samples, the channel lags by three of them.
         assert!((y[(1000, 1)] - sine(f, 1000)).abs() > 0.1);
     }
 }

@@ -1,4 +1,4 @@
-//! An actuator whose delay is another for every command.
+//! An actuator whose delay differs from command to command.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

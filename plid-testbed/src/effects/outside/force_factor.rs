@@ -11,12 +11,13 @@ use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
 
-/// The force a of the actuator becomes a / (1 + (d / D)^2), with the displacement d of its own strut, as the force
-/// factor of a loudspeaker falls (Klippel, *J. Audio Eng. Soc.* 54, 2006, 907); the curve is a choice of ours.
+/// The force a of the actuator becomes a / (1 + (d / D)^2), with the displacement d of its own strut. The force
+/// factor of a loudspeaker falls in a similar way (Klippel, *J. Audio Eng. Soc.* 54, 2006, 907); the curve is our
+/// choice.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ForceFactor {
-    /// The input whose actuator it is.
+    /// The input of the actuator.
     pub at: Input,
     /// D, the displacement at which half of the force is left, V; positive.
     pub half_v: f64,

@@ -1,4 +1,4 @@
-//! A part that becomes shorter as it bends, and so pulls at another: two struts joined by their geometry.
+//! A part that becomes shorter as it bends, and so pulls at another part: two struts coupled by their geometry.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -11,13 +11,13 @@ use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
 
-/// Of the stiffness of strut b, a spring k is stretched by e = d_b + d_a^2 / (2 L) in place of d_b. Beside the linear
-/// -k d_b, which the plant already has, it pulls with f_b = -k (e - d_b) and f_a = -k e d_a / L: both follow from the
-/// energy k e^2 / 2.
+/// A spring k, which is a part of the stiffness of strut b, is stretched by e = d_b + d_a^2 / (2 L) instead of d_b.
+/// In addition to the linear force -k d_b, which the plant already contains, it exerts f_b = -k (e - d_b) and f_a =
+/// -k e d_a / L. Both follow from the energy k e^2 / 2.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Foreshortening {
-    /// From the input whose strut bends, a, to the one whose strut is pulled, b.
+    /// From the input a, whose strut bends, to the input b, whose strut is pulled.
     pub at: InputPair,
     /// L, V; positive.
     pub length_v: f64,

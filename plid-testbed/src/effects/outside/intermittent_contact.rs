@@ -1,4 +1,4 @@
-//! A spring that touches only part of the time, at random: f = -k s(t) d with s a random telegraph signal.
+//! A spring that is in contact only part of the time, at random: f = -k s(t) d with s a random telegraph signal.
 
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
@@ -13,11 +13,11 @@ use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
 
-/// f = -k s(t) d, with s either 0 or 1, each for an exponentially distributed time of mean T.
+/// f = -k s(t) d, where s is 0 or 1, each for an exponentially distributed time of mean T.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IntermittentContact {
-    /// The input whose strut it is.
+    /// The input at whose strut it acts.
     pub at: Input,
     /// k, V/V; positive.
     pub stiffness: f64,
@@ -41,7 +41,7 @@ impl StructureEffect for Touching {
     }
 
     fn end_step(&mut self, h_s: f64, _x: &[f64]) {
-        // The chance that an odd number of changes lies within the step.
+        // The probability that the step contains an odd number of changes.
         let other = (1.0 - (-2.0 * h_s / self.mean_s).exp()) / 2.0;
         self.touches ^= self.rng.random::<f64>() < other;
     }

@@ -1,4 +1,4 @@
-//! Effects for which a diagnosis has no word. Their names begin with x.
+//! Effects outside the vocabulary of the diagnosis. Their names begin with `x-`.
 
 mod channel_product;
 mod clock_skew;

@@ -1,4 +1,4 @@
-//! Stiffness that is pumped, as at twice the frequency of a line: w^2 -> w^2 (1 + s sin(2 pi f t)).
+//! Stiffness that varies periodically, such as at twice the frequency of a mode: w^2 -> w^2 (1 + s sin(2 pi f t)).
 
 use std::f64::consts::PI;
 
@@ -17,7 +17,7 @@ use crate::plant::{modal_force, mode_state};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ParametricStiffness {
-    /// s, below 1 in size.
+    /// s, below 1 in magnitude.
     pub share: f64,
     /// f, Hz; positive.
     pub frequency_hz: f64,
@@ -70,7 +70,7 @@ impl Described for ParametricStiffness {
     const ON: &'static [On] = &[On::Structure];
 
     fn start(draw: &mut Draw<'_>) -> Value {
-        // At twice the frequency of a dominant mode, where stiffness that is pumped does most.
+        // Twice the frequency of a dominant mode, at which a periodic stiffness has the largest effect.
         let mode = &draw.truss.modes[draw.rng.random_range(draw.dominant.clone())];
         json!({ "share": 1e-3, "frequency_hz": 2.0 * mode.frequency_hz })
     }

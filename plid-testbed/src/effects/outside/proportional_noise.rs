@@ -11,13 +11,13 @@ use crate::effects::place::Output;
 use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
-/// y' = y (1 + s n), n white and Gaussian with unit variance.
+/// y' = y (1 + s n), where n is white and Gaussian with unit variance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProportionalNoise {
     /// The output.
     pub at: Output,
-    /// s, standard deviation of the noise over the signal; positive.
+    /// s, standard deviation of the noise relative to the signal; positive.
     pub share: f64,
 }
 

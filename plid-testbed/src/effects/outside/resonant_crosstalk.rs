@@ -1,4 +1,4 @@
-//! A sensor that another axis shakes through the resonance of its own mount.
+//! A sensor that the motion of another axis shakes through the resonance of the sensor's mount.
 
 use std::f64::consts::PI;
 
@@ -40,7 +40,7 @@ impl SensorEffect for ResonantCrosstalk {
         for mut sample in y.rows_mut() {
             let driven = sample[from];
             sample[to] += self.share * r;
-            // Around the held value the motion is free.
+            // About the held value, the motion is free.
             let off = r - driven;
             r = driven + shrunk * ((cos + decay * sin) * off + sin * rate);
             rate = shrunk * ((cos - decay * sin) * rate - w * w * sin * off);

@@ -1,4 +1,4 @@
-//! A sensor that cannot follow: |y'_k - y'_{k-1}| <= R / fs.
+//! A sensor with a limited rate: |y'_k - y'_{k-1}| <= R / fs.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -10,7 +10,7 @@ use crate::effects::place::Output;
 use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
-/// y' follows y with at most R a second.
+/// y' follows y at a rate of at most R.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorRateLimit {

@@ -1,4 +1,4 @@
-//! A sensor that is not straight: y' = y + a y^2.
+//! A sensor with a quadratic characteristic: y' = y + a y^2.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -1,4 +1,4 @@
-//! A valve that sticks and then jumps: u' stays until u has moved away by s, then it is u.
+//! A valve that sticks and then jumps: u' stays constant until u differs from it by more than s, and then becomes u.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -10,7 +10,7 @@ use crate::effects::law::{Law, Limits};
 use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
-/// u'_j = u_j / (1 + s sum |u_l|) for every input j, the sum over all inputs.
+/// u'_j = u_j / (1 + s sum |u_l|) for every input j, with the sum over all inputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SupplySag {
@@ -53,7 +53,7 @@ impl Described for SupplySag {
     const FAMILY: Family = Family::Outside(Half::Reported);
     const AT: At = At::Whole;
     const ON: &'static [On] = &[On::Structure];
-    // Of one actuator alone it would be a law of its command.
+    // With only one actuator, the effect would be a law of its command.
     const LEAST_INPUTS: usize = 2;
 
     fn start(_draw: &mut Draw<'_>) -> Value {

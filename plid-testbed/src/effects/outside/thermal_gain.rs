@@ -1,4 +1,4 @@
-//! An actuator that weakens as it warms up: u' = u / (1 + s h) with h following its power.
+//! An actuator that weakens as it warms up: u' = u / (1 + s h), where h follows its power.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -11,7 +11,7 @@ use crate::effects::place::Input;
 use crate::effects::{At, Described, Draw, Family, Half, On};
 use crate::error::TestbedError;
 
-/// u' = u / (1 + s h), dh/dt = (u^2 - h) / tau: cold at the start of a record.
+/// u' = u / (1 + s h), dh/dt = (u^2 - h) / tau. The actuator is cold at the start of a record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ThermalGain {
@@ -36,7 +36,7 @@ impl ActuatorEffect for Warm {
         for (piece, length_s) in u.iter_mut().zip(span.lengths_s()) {
             let power = piece[self.input].powi(2);
             let (ahead, shares) = (self.heat - power, length_s / self.time_s);
-            // Its mean over the piece.
+            // The mean of h over the piece.
             let heat = power - ahead * (-shares).exp_m1() / shares;
             self.heat = power + ahead * (-shares).exp();
             piece[self.input] /= 1.0 + self.loss * heat;

@@ -16,7 +16,7 @@ use crate::plant::{modal_force, mode_state};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VaryingDamping {
-    /// s, below 1 in size.
+    /// s, below 1 in magnitude.
     pub share: f64,
     /// f, Hz; positive.
     pub frequency_hz: f64,

@@ -1,4 +1,4 @@
-//! One sensor's signal on another's line: y'_j = y_j + c y_i.
+//! Cross-talk from one sensor's signal to another sensor's line: y'_j = y_j + c y_i.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -15,7 +15,7 @@ use ndarray::Array2;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorCrosstalk {
-    /// From i into j.
+    /// From output i into output j.
     pub at: OutputPair,
     /// c; either sign.
     pub share: f64,

@@ -1,4 +1,4 @@
-//! A channel that is sampled late: y'(t_k) = y(t_k - tau), with linear phase on the samples.
+//! A channel with a delay: y'(t_k) = y(t_k - tau), with linear phase on the samples.
 
 use std::f64::consts::PI;
 
@@ -23,30 +23,30 @@ pub struct SensorDelay {
     pub at: Output,
     /// tau, samples; positive, at most 1000.
     pub delay_samples: f64,
-    /// The value between samples.
+    /// The law of the values between samples.
     #[serde(default, with = "written")]
     pub law: SensorDelayLaw,
 }
 
-/// Values between samples.
+/// Laws of the values between samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SensorDelayLaw {
-    /// That of the band-limited signal: linear phase.
+    /// The value of the band-limited signal: linear phase.
     #[default]
     BandLimited,
-    /// By the filter (b + c / z) / (1 - p / z) that has the gain 1 and delays by the fraction tau of a sample at low
-    /// frequencies, with p = -a (1 - tau) / (1 + tau).
+    /// The output of the filter (b + c / z) / (1 - p / z) that has the gain 1 and delays by the fraction tau of a
+    /// sample at low frequencies, with p = -a (1 - tau) / (1 + tau).
     Interpolated {
-        /// a, from -1 to 1. At 0 values lie on the line between two samples, which also smooths; at 1 the filter is
-        /// J.-P. Thiran's all-pass filter (1971); below 0 it smooths and trails as a lag does.
+        /// a, from -1 to 1. At 0, the filter interpolates linearly between two samples, which also smooths. At 1, it
+        /// is J.-P. Thiran's all-pass filter (1971). Below 0, it smooths and has a tail as a lag does.
         all_pass: f64,
     },
 }
 
 impl Laws for SensorDelayLaw {
-    /// Every filter of first order that delays by a fraction of a sample is one of these, and as long as -1 <= a <= 1,
-    /// none amplifies anything. At low frequencies all of them are the vocabulary's delay.
+    /// Every first-order filter that delays by a fraction of a sample is one of these, and none amplifies as long as
+    /// -1 <= a <= 1. At low frequencies, all of them equal the vocabulary's delay.
     const SHAPES: &'static [Shape] = &[Shape {
         law: "interpolated",
         number: "all_pass",
@@ -55,9 +55,10 @@ impl Laws for SensorDelayLaw {
     }];
 }
 
-/// Samples each side that give a band-limited value.
+/// Number of samples on each side from which a band-limited value is computed.
 pub(crate) const LOOK_AHEAD: usize = 48;
-/// Shape of Kaiser's window (1974): errors below 1e-4 at 0.9 of half the sample rate, below 2e-6 at 0.4 of it.
+/// Shape of Kaiser's window (1974): the errors are below 1e-4 at 0.9 of half the sample rate, and below 2e-6 at 0.4
+/// of it.
 const BETA: f64 = 10.0;
 
 impl SensorEffect for SensorDelay {
@@ -77,14 +78,14 @@ impl SensorEffect for SensorDelay {
     }
 }
 
-/// Returns the value of a band-limited signal `delay` samples before sample `k`. It takes [`LOOK_AHEAD`] samples each
-/// side; before and after the signal they are zero.
+/// Returns the value of a band-limited signal `delay` samples before sample `k`. It uses [`LOOK_AHEAD`] samples on
+/// each side. Beyond the ends of the signal, the samples are zero.
 pub(crate) fn band_limited(signal: &[f64], k: usize, delay: f64) -> f64 {
     let whole = delay.floor();
     weighted(signal, k as i64 - whole as i64, &band_limited_taps(delay - whole))
 }
 
-/// The sum of the samples at `k` + offset, each times its weight.
+/// Returns the sum of the samples at `k` + offset, each multiplied by its weight.
 fn weighted(signal: &[f64], k: i64, taps: &[(i64, f64)]) -> f64 {
     let term = |(offset, tap): &(i64, f64)| {
         let index = usize::try_from(k + *offset).ok()?;
@@ -93,14 +94,14 @@ fn weighted(signal: &[f64], k: i64, taps: &[(i64, f64)]) -> f64 {
     taps.iter().filter_map(term).sum()
 }
 
-/// Returns the weights of two samples and the pole of the filter of first order that delays by a share of a sample.
+/// Returns the weights of two samples and the pole of the first-order filter that delays by a share of a sample.
 fn first_order(share: f64, all_pass: f64) -> (Vec<(i64, f64)>, f64) {
     let pole = -all_pass * (1.0 - share) / (1.0 + share);
     let earlier = (1.0 - pole) * share - pole;
     (vec![(0, 1.0 - pole - earlier), (-1, earlier)], pole)
 }
 
-/// Weights of the samples at k + offset that give the value at k - `share`.
+/// Returns the weights of the samples at k + offset that give the value at k - `share`.
 fn band_limited_taps(share: f64) -> Vec<(i64, f64)> {
     if share == 0.0 {
         return vec![(0, 1.0)];
@@ -115,7 +116,7 @@ fn band_limited_taps(share: f64) -> Vec<(i64, f64)> {
         .collect()
 }
 
-/// The modified Bessel function of order zero, by its series.
+/// Computes the modified Bessel function of order zero by its series.
 fn bessel_i0(x: f64) -> f64 {
     let quarter = x * x / 4.0;
     let (mut sum, mut term) = (1.0, 1.0);
@@ -197,7 +198,7 @@ mod tests {
         }
     }
 
-    /// The gain and the delay in samples of a filter of the family at a frequency in cycles per sample.
+    /// Returns the gain and the delay in samples of a filter of the family, at a frequency in cycles per sample.
     fn response(delay_samples: f64, all_pass: f64, f: f64) -> (f64, f64) {
         let law = SensorDelayLaw::Interpolated { all_pass };
         let phase = |t: f64| 2.0 * PI * f * t;
@@ -211,7 +212,8 @@ mod tests {
         (re.hypot(im), late)
     }
 
-    /// All of them are the vocabulary's delay at low frequencies, none amplifies, and one end passes everything.
+    /// All filters equal the vocabulary's delay at low frequencies, none amplifies, and that at a = 1 is an all-pass
+    /// filter.
     #[test]
     fn filters_of_first_order_delay_what_is_slow() {
         for (tau, all_pass) in [0.3, 0.9, 2.6].into_iter().flat_map(|tau| [-0.8, 0.0, 0.5, 1.0].map(|a| (tau, a))) {

@@ -1,4 +1,4 @@
-//! A sensor whose zero moves: y' = y + s t.
+//! A sensor whose zero drifts: y' = y + s t.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -21,7 +21,7 @@ pub struct SensorDrift {
     pub at: Output,
     /// s, V/s; either sign.
     pub rate_v_per_s: f64,
-    /// Its course in time.
+    /// The course of the drift in time.
     #[serde(default, with = "written")]
     pub law: Course,
 }

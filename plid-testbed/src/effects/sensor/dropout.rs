@@ -21,7 +21,7 @@ use rand_chacha::ChaCha12Rng;
 pub struct SensorDropout {
     /// The output.
     pub at: Output,
-    /// Mean rate of onsets, 1/sample; from 0 to 1.
+    /// Mean rate of onsets, 1/sample; positive, at most 1.
     pub onsets_per_sample: f64,
     /// The reading during a dropout.
     #[serde(default, with = "written")]
@@ -35,7 +35,7 @@ pub enum DropoutLaw {
     /// The last good value.
     #[default]
     Hold,
-    /// A share of it, by default a half.
+    /// A share of the last good value, by default a half.
     Half {
         /// The share; either sign.
         share: f64,
@@ -43,8 +43,8 @@ pub enum DropoutLaw {
 }
 
 impl Laws for DropoutLaw {
-    /// What is read while a line is open depends on what discharges it and how fast: nothing (a share of zero), or most
-    /// of the last good value. With a share of one it is held, as in the vocabulary's law.
+    /// The reading of an open line depends on what discharges the line and how fast: it is nothing (a share of zero),
+    /// or most of the last good value. With a share of one, the value is held, as in the vocabulary's law.
     const SHAPES: &'static [Shape] = &[Shape {
         law: "half",
         number: "share",

@@ -1,4 +1,4 @@
-//! A sensor of another gain: y' = g y.
+//! A sensor with a different gain: y' = g y.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

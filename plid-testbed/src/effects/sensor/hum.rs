@@ -38,7 +38,7 @@ pub struct MainsHum {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Harmonic {
-    /// Which multiple of f, from 2.
+    /// The multiple of f; 2 or more.
     pub multiple: u32,
     /// Amplitude, V.
     pub amplitude_v: f64,
@@ -84,14 +84,14 @@ impl Law for MainsHum {
     }
 }
 
-/// Multiples of the frequency that are drawn as harmonics. Rectifiers make 5, 7, 11 and 13, transformers that saturate
-/// 3 and 9, and loads that differ between the two halves of a period the even ones.
+/// Multiples of the frequency that are drawn as harmonics. Rectifiers cause 5, 7, 11 and 13, transformers that
+/// saturate cause 3 and 9, and loads that differ between the two halves of a period cause the even ones.
 const MULTIPLES: Halves<u32> = Halves { development: &[2, 3, 5, 9], reported: &[4, 6, 7, 11, 13] };
-/// Usual amplitude of such a harmonic over that of the fundamental.
+/// Usual amplitude of such a harmonic, relative to that of the fundamental.
 const SHARE: Range<f64> = 0.1..0.3;
-/// Most harmonics that are drawn from these.
+/// Largest number of harmonics that are drawn from these multiples.
 const MOST: usize = 3;
-/// The harmonics where none are drawn, with their usual shares. The vocabulary has these multiples only.
+/// The harmonics if none are drawn, with their usual shares. The vocabulary has these multiples only.
 const FIXED: [(u32, f64); 3] = [(2, 0.1), (3, 0.3), (5, 0.15)];
 
 /// Returns the multiples of a hum's harmonics, each with its usual share.

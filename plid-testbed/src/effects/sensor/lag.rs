@@ -34,7 +34,7 @@ pub enum SensorLagLaw {
     /// One pole at fc.
     #[default]
     OnePole,
-    /// Two poles, at (1 + p) fc and (1 + 1 / p) fc. They lag as one does, to first order in the frequency.
+    /// Two poles, at (1 + p) fc and (1 + 1 / p) fc. To first order in frequency, they lag as one pole does.
     TwoPoles {
         /// p, their ratio; positive.
         ratio: f64,
@@ -42,8 +42,9 @@ pub enum SensorLagLaw {
 }
 
 impl Laws for SensorLagLaw {
-    /// Two equal poles are a filter that was designed; two that are far apart are a sensor and its cable, each with a
-    /// lag of its own. The farther apart they are, the nearer they are to the vocabulary's one pole.
+    /// Two equal poles are typical of a designed filter. Two poles that are far apart represent a sensor and its
+    /// cable, each with a lag of its own. The farther apart they are, the nearer they are to the vocabulary's single
+    /// pole.
     const SHAPES: &'static [Shape] = &[Shape {
         law: "two-poles",
         number: "ratio",

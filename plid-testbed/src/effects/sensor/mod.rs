@@ -1,4 +1,4 @@
-//! Effects on the samples: before the sensor noise, and behind the ADC.
+//! Effects on the samples: before the sensor noise, and after the ADC.
 
 mod crosstalk;
 mod delay;

@@ -1,4 +1,4 @@
-//! White noise on top of the declared.
+//! White noise in addition to the declared noise.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -21,7 +21,7 @@ pub struct SensorNoise {
     pub at: Output,
     /// Standard deviation, V; positive.
     pub rms_v: f64,
-    /// Its distribution.
+    /// The distribution of the noise.
     #[serde(default, with = "written")]
     pub law: NoiseLaw,
 }
@@ -33,7 +33,7 @@ pub enum NoiseLaw {
     /// Gaussian.
     #[default]
     Gaussian,
-    /// Laplace's, with heavier tails, for a share of the variance, and Gaussian for the rest.
+    /// Laplace's distribution, with heavier tails, for a share of the variance, and Gaussian for the rest.
     Laplace {
         /// The share, from zero to one.
         share: f64,
@@ -41,8 +41,8 @@ pub enum NoiseLaw {
 }
 
 impl Laws for NoiseLaw {
-    /// A sensor's own noise is Gaussian, and what switches nearby comes in bursts: either may prevail. Without the
-    /// share with heavy tails the noise is the vocabulary's.
+    /// A sensor's own noise is Gaussian, and noise from switching nearby comes in bursts; either may prevail. Without
+    /// the share with heavy tails, the noise is the vocabulary's.
     const SHAPES: &'static [Shape] = &[Shape {
         law: "laplace",
         number: "share",
@@ -71,7 +71,7 @@ impl Law for SensorNoise {
                 * match law {
                     NoiseLaw::Gaussian => normal(),
                     NoiseLaw::Laplace { share } => {
-                        // Differences of two products of normal values are Laplace distributed, here with unit
+                        // The difference of two products of normal values is Laplace distributed, here with unit
                         // variance.
                         let heavy = (normal() * normal() - normal() * normal()) / 2.0_f64.sqrt();
                         if share < 1.0 { share.sqrt() * heavy + (1.0 - share).sqrt() * normal() } else { heavy }

@@ -1,4 +1,4 @@
-//! A sensor that is off by a constant: y' = y + o.
+//! A sensor with a constant offset: y' = y + o.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -1,4 +1,4 @@
-//! A coarser code: y' = q round(y / q) of the ADC's value.
+//! A coarser code, applied to the ADC's value: y' = q round(y / q).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -33,7 +33,7 @@ pub enum QuantisationLaw {
     /// To the nearest code.
     #[default]
     Round,
-    /// The code of k steps begins at k - c of them, in size. With c = 0 bits are cut off.
+    /// The code of k steps begins at k - c steps in magnitude. With c = 0, bits are cut off.
     Truncate {
         /// c; below one.
         carry: f64,
@@ -41,8 +41,8 @@ pub enum QuantisationLaw {
 }
 
 impl Laws for QuantisationLaw {
-    /// Comparators switch where their offsets let them. With c = 1/2 values are rounded, which is the vocabulary's law;
-    /// below zero the code of zero is wider than two steps.
+    /// The thresholds of comparators depend on their offsets. With c = 1/2, values are rounded, which is the
+    /// vocabulary's law. With c below zero, the code of zero is wider than two steps.
     const SHAPES: &'static [Shape] = &[Shape {
         law: "truncate",
         number: "carry",

@@ -1,4 +1,4 @@
-//! A sensor that clips: y' = min(max(y, -a), a); the noise comes after.
+//! A sensor that clips: y' = min(max(y, -a), a). The noise is added afterwards.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

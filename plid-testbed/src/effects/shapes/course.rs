@@ -11,10 +11,10 @@ use crate::error::TestbedError;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Course {
-    /// As t.
+    /// Proportional to t.
     #[default]
     Linear,
-    /// As T (1 - exp(-t / T)): the same slope at first, then it settles.
+    /// Proportional to T (1 - exp(-t / T)), which has the same slope at first and then settles.
     Settling {
         /// T, s; positive.
         time_s: f64,
@@ -22,9 +22,9 @@ pub enum Course {
 }
 
 impl Laws for Course {
-    /// Small parts warm up in seconds, a structure in minutes. The six records of a structure take 26 s if they are
-    /// full: with the shortest times the change has almost settled before half of them, with the longest it still goes
-    /// on at the end.
+    /// Small parts warm up in seconds, a structure in minutes. Six full records of a structure take 26 s. With the
+    /// shortest times, the change has almost settled before half of these records; with the longest, it still
+    /// continues at the end.
     const SHAPES: &'static [Shape] = &[Shape {
         law: "settling",
         number: "time_s",

@@ -14,7 +14,7 @@ pub enum Gap {
     /// With a corner at plus and minus g.
     #[default]
     Sharp,
-    /// The corners are hyperbolae that leave it by g / (2 s) at most.
+    /// The corners are hyperbolae that deviate from the sharp corners by at most g / (2 s).
     Rounded {
         /// s; positive.
         sharpness: f64,
@@ -27,9 +27,9 @@ pub enum Gap {
 }
 
 impl Laws for Gap {
-    /// Surfaces that meet in a point or a line, or with a film between them, touch little by little: the corner spreads
-    /// over a tenth of the gap to more than half of it. Parts are seldom assembled in the middle of their play, so that
-    /// one edge is nearer than the other. In development this is always the lower one.
+    /// Surfaces that meet at a point or a line, or with a film between them, come into contact gradually: the corner
+    /// spreads over a tenth of the gap to more than half of it. Parts are seldom assembled in the middle of their
+    /// play, so one edge is nearer than the other. In development, the nearer edge is always the lower one.
     const SHAPES: &'static [Shape] = &[
         Shape {
             law: "rounded",
@@ -77,7 +77,7 @@ mod tests {
             let sharp = Gap::Sharp.beyond(x, 1.1);
             assert!((Gap::Rounded { sharpness: 1e6 }.beyond(x, 1.1) - sharp).abs() < 1e-6, "{x}");
             assert!((Gap::Asymmetric { lower: 1.0 }.beyond(x, 1.1) - sharp).abs() < 1e-15, "{x}");
-            // At a corner the hyperbola is farthest away.
+            // The hyperbola is farthest from the sharp curve at a corner.
             assert!((Gap::Rounded { sharpness: 2.0 }.beyond(x, 1.1) - sharp).abs() <= 1.1 / 4.0, "{x}");
         }
         assert!((Gap::Rounded { sharpness: 9.0 }.beyond(1.1, 1.1) / (1.1 / 18.0) - 1.0).abs() < 0.03);

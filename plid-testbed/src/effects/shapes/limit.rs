@@ -10,11 +10,11 @@ use crate::effects::family::{Halves, Shape};
 use crate::effects::written::Laws;
 use crate::error::TestbedError;
 
-/// How a signal is kept within plus and minus a limit. Each curve has the slope 1 at zero.
+/// A curve that keeps a signal within plus and minus a limit. Each curve has the slope 1 at zero.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Limit {
-    /// a tanh((x / a)^q)^(1 / q), with the sign of x: a hyperbolic tangent at q = 1, a sharp corner as q grows
+    /// a tanh((x / a)^q)^(1 / q), with the sign of x: a hyperbolic tangent at q = 1, and a sharp corner as q grows
     Tanh {
         /// q; positive.
         knee: f64,
@@ -32,11 +32,11 @@ pub enum Limit {
 }
 
 impl Laws for Limit {
-    /// Amplifiers reach their limits between hard and soft. C. Rapp's model of a transistor amplifier (1991) is the
-    /// rounded clip; its smoothness 1 / (2 r) is large for hard amplifiers and one or two for soft ones. From r = 0.35
-    /// to 0.4 it leaves the hyperbolic tangent by less than 3 % of the limit; nothing is drawn there, because it would
-    /// be no near miss. The knees of the other two go from curves that bend at half the limit already to ones that are
-    /// almost straight up to it.
+    /// The limits of amplifiers range from hard to soft. C. Rapp's model of a transistor amplifier (1991) is the
+    /// rounded clip. Its smoothness 1 / (2 r) is large for hard amplifiers, and one or two for soft ones. From r =
+    /// 0.35 to 0.4, it differs from the hyperbolic tangent by less than 3 % of the limit; nothing is drawn there,
+    /// because it would not be a near miss. The knees of the other two laws range from curves that already bend at
+    /// half the limit to curves that are almost straight up to it.
     const SHAPES: &'static [Shape] = &[
         Shape {
             law: "tanh",
@@ -66,7 +66,7 @@ impl Limit {
     pub(crate) fn of(self, x: f64, a: f64) -> f64 {
         let bent = |knee: f64, curve: fn(f64, f64) -> f64| {
             let power = signed_power(x, a, knee);
-            // So far below the limit every curve is a line to the last digit; the power itself may be too small.
+            // So far below the limit, every curve is a line to the last digit, and the power itself might underflow.
             let line = knee != 1.0 && power.abs() < 1e-9 * a;
             if line { x } else { signed_power(curve(power, a), a, 1.0 / knee) }
         };
@@ -90,7 +90,7 @@ impl Limit {
 mod tests {
     use super::*;
 
-    /// All of them have the slope 1 at zero and the limit far away, and end at the hard clip.
+    /// All curves have the slope 1 at zero, approach the limit for large signals, and tend to the hard clip.
     #[test]
     fn limits_lie_between_a_line_and_a_clip() {
         let a = 1.5;
@@ -111,7 +111,8 @@ mod tests {
         }
     }
 
-    /// Between two of its intervals the rounded clip is almost a hyperbolic tangent; what is drawn is farther from it.
+    /// Between two of its intervals, the rounded clip is almost a hyperbolic tangent. The drawn curves are farther
+    /// from it.
     #[test]
     fn a_rounded_clip_that_is_drawn_is_no_hyperbolic_tangent() {
         let leaves = |rounding: f64| {

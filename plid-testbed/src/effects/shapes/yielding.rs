@@ -7,21 +7,21 @@ use crate::effects::family::{Halves, Shape};
 use crate::effects::written::Laws;
 use crate::error::TestbedError;
 
-/// The evolution of a displacement that yields: dz/dx with x the displacement, s the slope at first and +-`most` the
-/// bounds of z. All are members of Bouc and Wen's family dz = s dx - s (beta |dx| z |z|^(n - 1) + gamma dx |z|^n) /
-/// most^n, with beta + gamma = 1.
+/// The evolution of a displacement z that yields: dz/dx, where x is the displacement, s the initial slope, and
+/// +-`most` the bounds of z. All laws are members of the family of Bouc and Wen, dz = s dx - s (beta |dx| z
+/// |z|^(n - 1) + gamma dx |z|^n) / most^n, with beta + gamma = 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Yielding {
-    /// n = 1, beta = gamma: straight while it unloads.
+    /// n = 1, beta = gamma: straight during unloading.
     #[default]
     BoucWen,
-    /// n = 1, beta - gamma = c: curved while it unloads too. With c = 1 it is Dahl's friction.
+    /// n = 1, beta - gamma = c: curved during unloading, too. With c = 1, this is Dahl's friction.
     Dahl {
         /// c; zero or more.
         unloading: f64,
     },
-    /// n, beta = gamma: with a sharper knee the larger n is.
+    /// n, beta = gamma: the knee is sharper for a larger n.
     Sharp {
         /// n; positive.
         exponent: f64,
@@ -29,9 +29,10 @@ pub enum Yielding {
 }
 
 impl Laws for Yielding {
-    /// A loop that creates no energy needs beta >= gamma in size, and so c >= 0: at 0 it unloads straight, beyond 1
-    /// (gamma below zero) its flanks bulge. Exponents of smooth joints and wire ropes are fitted between 1 and 2, those
-    /// of metal that yields up to some 6; with n -> infinity the knee is that of a dry slider on a spring.
+    /// A loop that creates no energy requires beta >= |gamma|, and thus c >= 0. At c = 0, unloading is straight;
+    /// beyond 1 (gamma below zero), the flanks of the loop bulge. Fitted exponents are between 1 and 2 for smooth
+    /// joints and wire ropes, and up to about 6 for metal that yields. As n tends to infinity, the knee becomes that
+    /// of a dry slider on a spring.
     const SHAPES: &'static [Shape] = &[
         Shape {
             law: "dahl",
@@ -49,7 +50,7 @@ impl Laws for Yielding {
 }
 
 impl Yielding {
-    /// dz/dt at dx/dt.
+    /// Returns dz/dt, where `rate` is dx/dt.
     pub(crate) fn rate(self, z: f64, slope: f64, most: f64, rate: f64) -> f64 {
         let yielded = match self {
             Self::BoucWen => (rate.abs() * z + rate * z.abs()) / (2.0 * most),
@@ -65,7 +66,7 @@ impl Yielding {
         slope * (rate - yielded)
     }
 
-    /// z after a step of x, which does not depend on the step's speed.
+    /// Returns z after a step of x, which does not depend on the speed of the step.
     pub(crate) fn step(self, z: f64, slope: f64, most: f64, dx: f64) -> f64 {
         // The law is odd: a step down is a step up of -z.
         let sign = if dx < 0.0 { -1.0 } else { 1.0 };
@@ -81,14 +82,14 @@ impl Yielding {
         sign * if way > 0.0 { end } else { z }
     }
 
-    /// The member of the sharper knees whose loading is a hyperbolic tangent.
+    /// The sharp law whose loading is a hyperbolic tangent.
     const SQUARE: Self = Self::Sharp { exponent: 2.0 };
 
-    /// Dahl's own law, whose loading is one exponential from below zero to above it.
+    /// Dahl's own law, whose loading is a single exponential from below zero to above it.
     const DAHL: Self = Self::Dahl { unloading: 1.0 };
 
-    /// Returns z after the part of a way (a positive s dx) that it takes to unload, and what is left of the way. Below
-    /// zero dz = s dx (1 + c |z| / most), which is straight for c = 0.
+    /// Returns z after the part of a path (a positive s dx) on which it unloads, and the rest of the path. Below
+    /// zero, dz = s dx (1 + c |z| / most), which is straight for c = 0.
     fn unloaded(self, z: f64, most: f64, way: f64) -> (f64, f64) {
         match self {
             Self::DAHL => (z, way),
@@ -116,10 +117,11 @@ impl Yielding {
     }
 }
 
-/// Returns z after a way of loading from `z`, both over the bound, where dz = dx (1 - z^n). For other n than 1 and 2 it
-/// has no closed form, so it takes steps of Runge and Kutta.
+/// Returns z after a path `way` of loading from `z`, both relative to the bound, where dz = dx (1 - z^n). Except for
+/// n = 1 and n = 2, there is no explicit closed form, so Runge-Kutta steps are used.
 fn loaded(z: f64, way: f64, n: f64) -> f64 {
-    /// A step over the bound, and the way on which any z has reached the bound to the last digit.
+    /// The length of a step relative to the bound, and the path after which any z has reached the bound to the last
+    /// digit.
     const STEP: f64 = 0.02;
     const ENOUGH: f64 = 40.0;
     let way = way.min(ENOUGH);
@@ -141,7 +143,7 @@ mod tests {
     const SLOPE: f64 = 0.7;
     const MOST: f64 = 0.5;
 
-    /// z at the end of each of some steps, and by a fine integration of the rate.
+    /// Returns z at the end of each of several steps, by the law and by a fine integration of its rate.
     fn steps(law: Yielding) -> [Vec<f64>; 2] {
         let (mut closed, mut fine) = (0.0, 0.0);
         let ends = [0.9, -0.4, -1.3, 0.2, 2.0, -3.0, 0.1].map(|dx: f64| {
@@ -170,7 +172,8 @@ mod tests {
         }
     }
 
-    /// Both families contain the law of Bouc and Wen, and their members with closed forms continue the others.
+    /// Both families contain the law of Bouc and Wen, and their members with closed forms agree with neighbouring
+    /// members.
     #[test]
     fn both_families_contain_the_vocabulary_s_own_law() {
         let differ = |a: Yielding, b: Yielding| {

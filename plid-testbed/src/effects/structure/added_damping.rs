@@ -13,7 +13,7 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AddedDamping {
-    /// The input at whose port it is.
+    /// The input at whose port it acts.
     pub at: Input,
     /// c, V s/V; positive.
     pub damping_s: f64,
@@ -49,7 +49,7 @@ impl Described for AddedDamping {
 
     fn start(draw: &mut Draw<'_>) -> Value {
         let own = draw.axis();
-        // Where the axis has none, one with a time constant of a second.
+        // If the axis has no damper, the added one gives a time constant of 1 s.
         json!({ "damping_s": if own.damping > 0.0 { 0.1 * own.damping } else { own.inertia } })
     }
 }

@@ -13,7 +13,7 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AddedMass {
-    /// The input at whose port it is.
+    /// The input at whose port it acts.
     pub at: Input,
     /// m, V s^2/V; positive.
     pub mass_s2: f64,

@@ -13,7 +13,7 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AddedStiffness {
-    /// The input at whose port it is.
+    /// The input at whose port it acts.
     pub at: Input,
     /// k, V/V; positive.
     pub stiffness: f64,
@@ -49,7 +49,7 @@ impl Described for AddedStiffness {
 
     fn start(draw: &mut Draw<'_>) -> Value {
         let own = draw.axis();
-        // Where the axis has none, one with a period over 2 pi of a second.
+        // If the axis has no spring, the added one gives an angular frequency of 1 rad/s.
         json!({ "stiffness": if own.stiffness > 0.0 { 0.1 * own.stiffness } else { own.inertia } })
     }
 }

@@ -1,4 +1,4 @@
-//! Free play in a transmission: within a gap the spring of a joint, which the simulation has, does not act.
+//! Free play in a transmission: within a gap, the spring of a joint, which the simulation contains, does not act.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -17,7 +17,7 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Backlash {
-    /// The input at whose joint it is.
+    /// The input at whose joint it acts.
     pub at: Input,
     /// k, V/V; positive, the joint's own stiffness.
     pub stiffness: f64,

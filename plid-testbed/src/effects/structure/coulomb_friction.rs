@@ -17,7 +17,7 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CoulombFriction {
-    /// The input whose strut it is.
+    /// The input at whose strut it acts.
     pub at: Input,
     /// F, V; positive.
     pub friction_v: f64,
@@ -40,7 +40,7 @@ pub enum FrictionLaw {
         /// q; positive.
         knee: f64,
     },
-    /// -F (1 + e exp(-(v / (w v0))^2)) tanh(v / v0): more while it hardly moves
+    /// -F (1 + e exp(-(v / (w v0))^2)) tanh(v / v0): larger at low speed
     Stribeck {
         /// e; zero or more.
         excess: f64,
@@ -50,12 +50,12 @@ pub enum FrictionLaw {
 }
 
 impl Laws for FrictionLaw {
-    /// From rest to sliding, a contact with many points yields gradually (a small knee q), one with few almost at once:
-    /// as q grows, the law tends to a ramp with a corner. From 1.25 to 1.4 it leaves the hyperbolic tangent by less
-    /// than 3 % of F, as a test of the rounded clip shows, which is the same curve; nothing is drawn there. Friction at
-    /// rest exceeds that of sliding by some tenths between dry metals, and by more where a film of oil builds up; the
-    /// film does so at a speed of a few times the transition or well above it. Without the excess the second law is the
-    /// vocabulary's.
+    /// Between rest and sliding, a contact with many points yields gradually (a small knee q), and one with few
+    /// points almost at once. As q grows, the law tends to a ramp with a corner. From q = 1.25 to 1.4, it differs
+    /// from the hyperbolic tangent by less than 3 % of F, as a test of the rounded clip shows, which is the same
+    /// curve; nothing is drawn there. Friction at rest exceeds friction during sliding by some tenths between dry
+    /// metals, and by more where a film of oil builds up. The film builds up at a speed of a few times the transition
+    /// speed, or well above it. Without the excess, the second law is the vocabulary's.
     const SHAPES: &'static [Shape] = &[
         Shape {
             law: "root",

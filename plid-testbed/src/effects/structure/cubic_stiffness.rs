@@ -16,14 +16,14 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CubicStiffness {
-    /// The input whose strut it is.
+    /// The input at whose strut it acts.
     pub at: Input,
     /// k, 1/V^2; positive hardens, negative softens.
     pub stiffness_per_v2: f64,
     /// The curve.
     #[serde(default, with = "written")]
     pub law: CubicLaw,
-    /// s of the laws other than the cubic, V.
+    /// The scale s of the laws other than the cubic one, V.
     #[serde(default = "one_volt")]
     pub scale_v: f64,
 }
@@ -40,7 +40,7 @@ pub enum CubicLaw {
         /// p; positive.
         exponent: f64,
     },
-    /// -k d^3 / (1 + (d / (b s))^2): cubic while small, then straight
+    /// -k d^3 / (1 + (d / (b s))^2): cubic for a small d, and straight for a large one
     Straightening {
         /// b; positive.
         bend: f64,
@@ -48,10 +48,10 @@ pub enum CubicLaw {
 }
 
 impl Laws for CubicLaw {
-    /// Rounded surfaces that touch have Hertz's exponent of 3/2, rough ones more, up to two; beyond the cubic of a
-    /// joint that stretches lies the next odd power of a series. A joint becomes straight where its surfaces touch all
-    /// over: at a part of the usual motion (b s is `bend` times its RMS in drawn cases), or only at its peaks. With p =
-    /// 3, or a large b, both are the cubic.
+    /// Rounded surfaces in contact have Hertz's exponent of 3/2, and rough ones have larger exponents, up to two.
+    /// Beyond the cubic of a joint that stretches lies the next odd power of a series. A joint becomes straight where
+    /// its surfaces are in full contact: at a part of the usual motion (b s is `bend` times its RMS in drawn cases),
+    /// or only at its peaks. With p = 3, or with a large b, both laws are the cubic.
     const SHAPES: &'static [Shape] = &[
         Shape {
             law: "power",

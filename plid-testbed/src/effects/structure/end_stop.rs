@@ -18,7 +18,7 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EndStop {
-    /// The input at whose port they are.
+    /// The input at whose port the stops are.
     pub at: Input,
     /// k, V/V; positive.
     pub stiffness: f64,
@@ -41,7 +41,7 @@ impl Law for EndStop {
     }
 
     fn strengthen(&mut self, factor: f64) {
-        // By where they are: a stop that is never reached does nothing.
+        // The strength is set by the position of the stops, because a stop that is never reached does nothing.
         self.gap_v /= factor;
     }
 
@@ -58,10 +58,11 @@ impl Law for EndStop {
 const BOUNCE: Range<f64> = 0.03..0.1;
 const BOUNCE_DAMPING: Range<f64> = 0.1..0.4;
 
-/// A stop on one side (+1 or -1) that begins where few displacements reach; the search brings it nearer.
+/// Returns the keys of a stop on one side (+1 or -1), which begins at a displacement that is seldom reached. The
+/// search for the strength moves it nearer.
 pub(super) fn start_at(draw: &mut Draw<'_>, side: f64) -> Value {
     let inertia = draw.axis().inertia;
-    // The rate at which the axis would bounce on it, rad/s.
+    // The angular frequency at which the axis would bounce on the stop, rad/s.
     let w = TAU * draw.within(BOUNCE) * draw.truss.sample_rate_hz;
     let damping = 2.0 * draw.within(BOUNCE_DAMPING) * w * inertia;
     json!({ "stiffness": w * w * inertia, "damping_s": damping, "gap_v": side * 1.5 * draw.level.displacement })

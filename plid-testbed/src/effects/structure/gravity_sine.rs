@@ -1,4 +1,4 @@
-//! Gravity on an axis that swings: the simulation has k d, and the axis k sin(d).
+//! Gravity on an axis that swings: the simulation contains k d, and the axis k sin(d).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -10,15 +10,15 @@ use crate::effects::place::Input;
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
-/// f = k (d - sin(d)), a displacement of 1 V being 1 rad.
+/// f = k (d - sin(d)), where a displacement of 1 V is 1 rad.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GravitySine {
-    /// The input at whose axis it is.
+    /// The input at whose axis it acts.
     pub at: Input,
     /// k, V/rad; positive.
     pub stiffness: f64,
-    /// The axis's own stiffness at rest, V/rad, of which gravity is a part; a spring has the rest of it.
+    /// The stiffness of the axis at rest, V/rad. Gravity contributes a part of it, and a spring the rest.
     pub whole: f64,
 }
 

@@ -1,4 +1,4 @@
-//! A joint that slips little by little: Iwan's, by its closed form and the turning points that it remembers.
+//! A joint that slips little by little: Iwan's model, by its closed form and the turning points that it remembers.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -13,23 +13,24 @@ use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 use crate::plant::StrutPort;
 
-/// f = k s d - F, where F is the force of sliders with springs in parallel. Their stiffness has the density R x^chi
-/// over the displacements x up to `slip_v` at which they yield (D. J. Segalman, J. Appl. Mech. 72, 2005, 752).
+/// f = k s d - F, where F is the force of sliders in parallel, each in series with a spring. The density of their
+/// stiffness over the displacements x at which they yield is R x^chi, up to `slip_v` (D. J. Segalman, J. Appl. Mech.
+/// 72, 2005, 752).
 ///
-/// At its first loading F is k d - R d^(2 + chi) / ((1 + chi) (2 + chi)). After every turn it follows this curve at
-/// twice its size, until it reaches the turn before: Masing's rules, which hold exactly for such sliders.
+/// At its first loading, F is k d - R d^(2 + chi) / ((1 + chi) (2 + chi)). After every turn, it follows this curve at
+/// twice its size until it reaches the previous turn. These are Masing's rules, which hold exactly for such sliders.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IwanJoint {
-    /// The input whose strut it is.
+    /// The input at whose strut it acts.
     pub at: Input,
     /// k, V/V; positive: the stiffness while it sticks.
     pub stiffness: f64,
-    /// V; positive: the displacement from rest at which all sliders slip.
+    /// The displacement from rest at which all sliders slip, V; positive.
     pub slip_v: f64,
     /// chi, above -1.
     pub exponent: f64,
-    /// s, the share of k that the plant without the effect has; the effect takes it out.
+    /// s, the share of k that the plant contains without the effect; the effect removes it.
     #[serde(default)]
     pub held: f64,
     /// The density of the sliders.
@@ -44,7 +45,8 @@ pub enum SliderLaw {
     /// A power up to the largest displacement.
     #[default]
     Power,
-    /// A share of the stiffness yields at the largest displacement alone. It is b / (1 + b) of Segalman's beta b.
+    /// A share of the stiffness yields at the largest displacement alone. For Segalman's beta, the share is
+    /// beta / (1 + beta).
     Kink {
         /// The share, from zero to one.
         share: f64,
@@ -52,8 +54,8 @@ pub enum SliderLaw {
 }
 
 impl Laws for SliderLaw {
-    /// Where the last part of a joint begins to slip, its stiffness falls at once: hardly where the bolts press evenly,
-    /// and by most of it where they press hard at one place. Without this share the joint is the vocabulary's.
+    /// When the last part of a joint begins to slip, its stiffness falls suddenly: by little if the bolts press
+    /// evenly, and by most of it if they press hard at one place. Without this share, the joint is the vocabulary's.
     const SHAPES: &'static [Shape] = &[Shape {
         law: "kink",
         number: "share",
@@ -73,7 +75,7 @@ impl SliderLaw {
 }
 
 impl IwanJoint {
-    /// Returns the force of the joint as it is loaded for the first time, an odd function of the displacement.
+    /// Returns the force of the joint at its first loading, an odd function of the displacement.
     fn first_loading(&self, d: f64) -> f64 {
         let (chi, most, together) = (self.exponent, self.slip_v, self.law.together());
         let x = (d.abs() / most).min(1.0);
@@ -82,7 +84,7 @@ impl IwanJoint {
     }
 }
 
-/// A turn of the motion: the displacement, and the joint's force there.
+/// A turning point of the motion: the displacement, and the joint's force there.
 #[derive(Clone, Copy)]
 struct Turn {
     d: f64,
@@ -94,19 +96,19 @@ struct Remembering {
     joint: IwanJoint,
     port: StrutPort,
     turns: Vec<Turn>,
-    /// At the end of the last step.
+    /// The displacement and the force at the end of the last step.
     now: Turn,
 }
 
 impl Remembering {
-    /// Returns the turn that a motion from here to `d` makes immediately, if it goes back.
+    /// Returns the present point as a turn, if a motion from here to `d` reverses the direction.
     fn turn(&self, d: f64) -> Option<Turn> {
         let from = self.turns.last().map_or(0.0, |turn| turn.d);
         ((self.now.d - from) * (d - self.now.d) < 0.0).then_some(self.now)
     }
 
-    /// Returns how many of the turns remain at `d`, counting `turn`. A motion that reaches the turn before the last
-    /// closes a loop, and one that leaves all turns behind follows its first loading again.
+    /// Returns the number of turns that remain at `d`, including `turn`. A motion that reaches the turn before the
+    /// last one closes a loop. A motion that leaves all turns behind follows its first loading again.
     fn remaining(&self, d: f64, turn: Option<Turn>) -> usize {
         let mut left = self.turns.len() + usize::from(turn.is_some());
         let at = |j: usize| self.turns.get(j).copied().or(turn).map_or(0.0, |turn| turn.d);
@@ -184,14 +186,14 @@ impl Described for IwanJoint {
     const FAMILY: Family = Family::NonlinearStructure;
     const AT: At = At::Port;
     const ON: &'static [On] = &[On::Structure];
-    /// The last one only where it is not zero.
+    /// The last parameter is present only if it is not zero.
     const PARAMETERS: &'static [&'static str] = &["k", "dm", "chi", "s"];
     const NEAR_MISSES: &'static [&'static str] = &["kink"];
     const SHAPES: &'static [Shape] = SliderLaw::SHAPES;
 
     fn start(draw: &mut Draw<'_>) -> Value {
         let slip_v = draw.within(1.5..4.0) * draw.level.displacement;
-        // The simulation lacks the joint, or has it as a spring.
+        // The simulation lacks the joint, or contains it as a spring.
         let held = draw.sign.max(0.0);
         json!({ "stiffness": 0.01, "slip_v": slip_v, "exponent": draw.within(-0.8..-0.2), "held": held })
     }
@@ -201,7 +203,7 @@ impl Described for IwanJoint {
 mod tests {
     use super::*;
 
-    /// Twenty thousand sliders, one by one.
+    /// Compares the force with the sum of twenty thousand sliders.
     #[test]
     fn masing_s_rules_are_the_sliders_sum() {
         const SLIDERS: usize = 20_000;

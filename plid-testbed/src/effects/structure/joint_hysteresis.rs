@@ -1,4 +1,4 @@
-//! A joint that slips: f = -k z with z following the displacement until it yields.
+//! A joint that slips: f = -k z, where z follows the displacement until it yields.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -18,7 +18,7 @@ use crate::plant::StrutPort;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointHysteresis {
-    /// The input whose strut it is.
+    /// The input at whose strut it acts.
     pub at: Input,
     /// k, V/V; positive.
     pub stiffness: f64,
@@ -34,7 +34,7 @@ struct Slipping {
     stiffness: f64,
     yield_v: f64,
     law: Yielding,
-    /// Which state z is.
+    /// The index of z in the state.
     state: usize,
 }
 

@@ -1,4 +1,4 @@
-//! A mode that the truss has and its list of modes has not.
+//! A mode that the truss has, but that its list of modes lacks.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -10,7 +10,7 @@ use crate::error::TestbedError;
 use crate::structure::{Mode, ModeGroup};
 use crate::{INPUTS, OUTPUTS};
 
-/// One mode more: q" + 2 zeta w q' + w^2 q = b . a, and c q" more at the accelerometers.
+/// One additional mode: q" + 2 zeta w q' + w^2 q = b . a, which adds c q" at the accelerometers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MissingMode {
@@ -18,9 +18,9 @@ pub struct MissingMode {
     pub frequency_hz: f64,
     /// zeta.
     pub damping_ratio: f64,
-    /// b: modal force a volt at each actuator.
+    /// b: modal force per volt at each actuator.
     pub input_shape: [f64; INPUTS],
-    /// c: volts at each accelerometer a unit of modal acceleration.
+    /// c: volts at each accelerometer per unit of modal acceleration.
     pub output_shape: [f64; OUTPUTS],
 }
 
@@ -43,12 +43,12 @@ impl Law for MissingMode {
     }
 
     fn strengthen(&mut self, factor: f64) {
-        // Both shapes alike, as a mode that is nearer to the platform.
+        // Both shapes are scaled alike, as for a mode that is nearer to the platform.
         self.input_shape.iter_mut().for_each(|b| *b *= factor.sqrt());
         self.output_shape.iter_mut().for_each(|c| *c *= factor.sqrt());
     }
 
-    /// It is in no list: a label gives its rank by frequency instead.
+    /// Returns 0, because the mode is in no list. A label gives its rank by frequency instead.
     fn place(&self) -> usize {
         0
     }

@@ -1,4 +1,4 @@
-//! One mode with another damping ratio: zeta -> rho zeta.
+//! One mode with a different damping ratio: zeta -> rho zeta.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -9,7 +9,8 @@ use crate::effects::place::ModeNumber;
 use crate::effects::{At, Described, Draw, Family, On};
 use crate::error::TestbedError;
 
-/// A mode that hardly moves any more; the exponential of a matrix of 1e300 does not end.
+/// Largest factor, with which a mode hardly moves. The computation of the exponential would not terminate for a
+/// matrix of 1e300.
 const MOST: f64 = 1e6;
 
 /// zeta_m -> rho zeta_m.
@@ -41,7 +42,7 @@ impl Law for ModalDamping {
     }
 
     fn strengthen(&mut self, factor: f64) {
-        // By its logarithm: the damping stays positive however strong the effect.
+        // The strength acts on the logarithm, so the damping stays positive however strong the effect is.
         self.factor = self.factor.powf(factor);
     }
 

@@ -1,4 +1,4 @@
-//! One mode at another frequency: w -> w (1 + delta), damping ratio and shapes kept.
+//! One mode at a different frequency: w -> w (1 + delta), with the same damping ratio and shapes.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -16,13 +16,13 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OneSidedStop {
-    /// The input at whose port it is.
+    /// The input at whose port the stop is.
     pub at: Input,
     /// k, V/V; positive.
     pub stiffness: f64,
     /// c, V s/V; zero or more.
     pub damping_s: f64,
-    /// g, V; its sign is that of the side, and it is not zero.
+    /// g, V; not zero. Its sign gives the side.
     pub gap_v: f64,
 }
 

@@ -16,7 +16,7 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct QuadraticDamping {
-    /// The input whose strut it is.
+    /// The input at whose strut it acts.
     pub at: Input,
     /// c, s^2/V; positive.
     pub damping_s2_per_v: f64,
@@ -40,7 +40,7 @@ pub enum DampingLaw {
         /// p; positive.
         exponent: f64,
     },
-    /// -c |v| v where v is positive, and w times that elsewhere
+    /// -c |v| v where v is positive, and w times this force elsewhere
     Asymmetric {
         /// w; zero or more.
         other_way: f64,
@@ -48,9 +48,9 @@ pub enum DampingLaw {
 }
 
 impl Laws for DampingLaw {
-    /// Between a fluid that creeps (p = 1) and one that is thrown aside (p = 2) lie the flows in pipes and gaps; valves
-    /// that close with the flow go beyond. Shock absorbers brake one way several times as much as the other, and in
-    /// development it is always the same way. With p = 2, or w = 1, both are the vocabulary's law.
+    /// The flows in pipes and gaps lie between creeping flow (p = 1) and flow dominated by inertia (p = 2). Valves
+    /// that close with the flow go beyond. Shock absorbers brake several times as much one way as the other; in
+    /// development, it is always the same way. With p = 2, or w = 1, both laws are the vocabulary's.
     const SHAPES: &'static [Shape] = &[
         Shape {
             law: "power",

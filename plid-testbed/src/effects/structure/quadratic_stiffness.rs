@@ -1,4 +1,4 @@
-//! A joint that is stiffer one way than the other: f = -k d^2.
+//! A joint that is stiffer in one direction than in the other: f = -k d^2.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -17,7 +17,7 @@ use crate::error::TestbedError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct QuadraticStiffness {
-    /// The input whose strut it is.
+    /// The input at whose strut it acts.
     pub at: Input,
     /// k, 1/V; either sign.
     pub stiffness_per_v: f64,
@@ -26,16 +26,16 @@ pub struct QuadraticStiffness {
     pub law: QuadraticLaw,
 }
 
-/// Curves of a joint that is stiffer one way.
+/// Curves of a joint that is stiffer in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum QuadraticLaw {
     /// -k d^2
     #[default]
     Quadratic,
-    /// -k |d|^p (of d in V) where d is positive, and w times that elsewhere
+    /// -k |d|^p (with d in V) where d is positive, and w times this force elsewhere
     OneSided {
-        /// p; at least one.
+        /// p; positive.
         exponent: f64,
         /// w; either sign.
         other_side: f64,
@@ -43,9 +43,10 @@ pub enum QuadraticLaw {
 }
 
 impl Laws for QuadraticLaw {
-    /// Contact on one side follows Hertz's exponent of 3/2 between round surfaces, and larger ones where the touching
-    /// area grows faster, as of rough surfaces or a seal. The other side is seldom quite free: it has a part of the
-    /// curvature, or some of the opposite sign where a preload is released. With p = 2 and w = 1 it is the parabola.
+    /// Contact on one side follows Hertz's exponent of 3/2 between round surfaces, and larger exponents where the
+    /// area of contact grows faster, as for rough surfaces or a seal. The other side is seldom entirely free: it has
+    /// a part of the curvature, or some curvature of the opposite sign where a preload is released. With p = 2 and w
+    /// = 1, the law is the parabola.
     const SHAPES: &'static [Shape] = &[
         Shape {
             law: "one-sided",

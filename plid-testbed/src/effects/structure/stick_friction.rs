@@ -1,5 +1,5 @@
-//! Dry friction that sticks: at rest it holds the port of one input against forces up to a limit, and that limit is
-//! higher than the force with which it brakes a port that slides.
+//! Dry friction that sticks. At rest, it holds the port of one input against forces up to a limit. This limit is at
+//! least as large as the force with which it brakes a port that slides.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -19,7 +19,7 @@ use crate::state_space::multiply_add;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StickFriction {
-    /// The input at whose port it is.
+    /// The input at whose port it acts.
     pub at: Input,
     /// Fc, V; positive.
     pub slides_v: f64,
@@ -27,7 +27,7 @@ pub struct StickFriction {
     pub holds_v: f64,
     /// vs, V/s; positive.
     pub transition_v_per_s: f64,
-    /// How the force falls from Fs to Fc.
+    /// The curve by which the force falls from Fs to Fc.
     #[serde(default, with = "written")]
     pub law: StickLaw,
 }
@@ -47,8 +47,8 @@ pub enum StickLaw {
 }
 
 impl Laws for StickLaw {
-    /// A film of oil carries more and more of the load as speed grows, in thick oil far beyond vs: the smaller p, the
-    /// longer the tail of the fall. As p grows, the curve tends to the vocabulary's exp(-(v / vs)^2).
+    /// A film of oil carries more and more of the load as the speed grows, in thick oil far beyond vs. The smaller p
+    /// is, the longer is the tail of the fall. As p grows, the curve tends to the vocabulary's exp(-(v / vs)^2).
     const SHAPES: &'static [Shape] = &[Shape {
         law: "lorentzian",
         number: "exponent",
@@ -57,8 +57,9 @@ impl Laws for StickLaw {
     }];
 }
 
-/// Moreau's time stepping with a force that is constant over a step: the one that stops the port at its end, or the
-/// largest that the friction gives. Over h, a force f adds (h b + h^2 / 2 A b) f to the state, up to terms in h^3.
+/// Moreau's time stepping with a force that is constant over a step: the force that stops the port at the end of the
+/// step, or the largest force that the friction can exert. Over h, a force f adds (h b + h^2 / 2 A b) f to the state,
+/// up to terms in h^3.
 struct Sticking {
     port: StrutPort,
     friction: StickFriction,
@@ -81,7 +82,7 @@ impl StructureEffect for Sticking {
 }
 
 impl StickFriction {
-    /// The largest force at a velocity, V.
+    /// Returns the largest force at a velocity, V.
     fn limit(&self, v: f64) -> f64 {
         let square = (v / self.transition_v_per_s).powi(2);
         let share = match self.law {
@@ -147,7 +148,7 @@ impl Described for StickFriction {
 mod tests {
     use super::*;
 
-    /// Lorentz's curves end at that of Gauss, and the first of them is what it always was.
+    /// Lorentz's curves tend to that of Gauss, and the one at p = 1 is 1 / (1 + (v / vs)^2).
     #[test]
     fn a_large_exponent_is_the_vocabulary_s_own_law() {
         let limit = |law: StickLaw, v: f64| {

@@ -19,17 +19,17 @@ use crate::plant::{modal_force, mode_state};
 pub struct StiffnessDrift {
     /// r, 1/s; either sign.
     pub rate_per_s: f64,
-    /// Its course in time.
+    /// The course of the change in time.
     #[serde(default, with = "written")]
     pub law: Course,
 }
 
-/// As a modal force -w^2 r t q, continuously in time. The damping force 2 zeta w dq/dt stays as it was, for only the
-/// stiffness changes.
+/// The drift as a modal force -w^2 r t q in continuous time. The damping force 2 zeta w dq/dt does not change,
+/// because only the stiffness changes.
 struct Drifting {
     rate_per_s: f64,
     law: Course,
-    /// Of each mode: natural frequency in rad/s, and how a modal force enters dx/dt.
+    /// For each mode, the natural frequency in rad/s and the vector by which a modal force enters dx/dt.
     modes: Vec<(f64, Vec<f64>)>,
 }
 

@@ -39,13 +39,13 @@ pub(super) fn layout(rng: &mut ChaCha12Rng) -> Layout {
     Layout::of_axes(axes, Rig::of_axes(rate_hz, band, rng))
 }
 
-/// That of an arm whose inner link has an inertia of one.
+/// Draws the inertia of an arm whose inner link has an inertia of one.
 pub(super) fn inertia(rng: &mut ChaCha12Rng) -> DMatrix<f64> {
     let outer = rng.random_range(OUTER);
     DMatrix::from_row_slice(2, 2, &[1.0 + outer, outer, outer, outer])
 }
 
-/// Natural frequencies of two coordinates, rad/s, the lower one first: det(K - w^2 M) = 0.
+/// Returns the natural frequencies of two coordinates, rad/s, the lower one first: det(K - w^2 M) = 0.
 fn frequencies(inertia: &DMatrix<f64>, stiffness: &DMatrix<f64>) -> [f64; 2] {
     let (m, k) = (inertia, stiffness);
     let a = m.determinant();
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
 
-    /// The closed form against the poles of the model, and the order of frequencies and commands.
+    /// Compares the closed form with the poles of the model, and checks the order of the frequencies and the band.
     #[test]
     fn its_modes_are_those_that_were_drawn() {
         for seed in 0..20 {

@@ -8,13 +8,13 @@ use rand_chacha::ChaCha12Rng;
 use super::{Layout, about};
 use crate::structure::{Mode, ModeGroup};
 
-/// Up to 490 Hz, beyond the band of the commands.
+/// Number of modes, up to 490 Hz, which is beyond the band of the commands.
 const MODES: usize = 6;
-/// About which the first frequency is drawn, Hz.
+/// Value about which the first frequency is drawn, Hz.
 const FIRST_HZ: f64 = 13.5;
-/// Where the actuators push: at no node of a low mode, and on both sides of the middle.
+/// Places of the actuators: at no node of a low mode, and on both sides of the middle.
 const ACTUATORS: [f64; 3] = [0.11, 0.37, 0.71];
-/// Where the accelerometers sit from there.
+/// Distance of each accelerometer from its actuator.
 const BESIDE: f64 = 0.02;
 
 pub(super) fn layout(rng: &mut ChaCha12Rng) -> Layout {
@@ -40,18 +40,19 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
 
-    /// A constant force at x gives x^2 (1 - x)^2 / (3 E I) there, where w_1^2 = pi^4 E I for unit length and mass.
+    /// A constant force of 1 at x gives a displacement of x^2 (1 - x)^2 / (3 E I) there, where w_1^2 = pi^4 E I for
+    /// unit length and mass.
     #[test]
     fn it_is_as_compliant_as_a_beam() {
         for seed in 0..5 {
             let modes = layout(&mut ChaCha12Rng::seed_from_u64(seed)).plant.modes;
             let rigidity = modes[0].angular_frequency().powi(2) / PI.powi(4);
             for j in 0..3 {
-                // The first two shapes tell x: sin(2 a) / sin(a) = 2 cos(a).
+                // The first two shapes determine x: sin(2 a) / sin(a) = 2 cos(a).
                 let x = (modes[1].input_shape[j] / modes[0].input_shape[j] / 2.0).acos() / PI;
                 let found: f64 = modes.iter().map(|m| (m.input_shape[j] / m.angular_frequency()).powi(2)).sum();
                 let expected = (x * (1.0 - x)).powi(2) / (3.0 * rigidity);
-                // Modes above the sixth would give at most the sum of 2 / (pi n)^4 of them.
+                // Each mode n above the sixth would add at most 2 / ((pi n)^4 E I).
                 let rest = (7..1000).map(|n| 2.0 / (PI * f64::from(n)).powi(4)).sum::<f64>() / rigidity;
                 assert!(found < expected && expected < found + rest, "{seed}, {j}: {found} for {expected}");
                 assert!((x - ACTUATORS[j]).abs() < 0.03);

@@ -1,5 +1,5 @@
-//! Inertias in a row on shafts, the first also held from outside: the torsion of a gearbox, everything referred to the
-//! drive's shaft.
+//! Inertias in a row on shafts, of which the first is also held from outside: the torsion of a gearbox, with all
+//! quantities referred to the drive shaft.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use rand::RngExt;
@@ -8,13 +8,14 @@ use rand_chacha::ChaCha12Rng;
 use super::{Layout, about};
 use crate::structure::{Mode, ModeGroup};
 
-/// From the motor to the load; a stage's ratio divides what follows by its square, and its wheels are heavy.
+/// Inertias from the motor to the load. The ratio of a stage divides what follows by its square, and the wheels of a
+/// stage are heavy.
 const INERTIAS: [f64; 7] = [1.0, 0.6, 0.4, 1.2, 0.5, 0.8, 1.5];
-/// Largest relative difference of the shaft before each.
+/// Relative standard deviation of each inertia and of the stiffness of each shaft.
 const SCATTER: f64 = 0.1;
-/// Lowest frequency about which is drawn, Hz.
+/// Value about which the lowest frequency is drawn, Hz.
 const FIRST_HZ: f64 = 24.0;
-/// Inertias at which torques act and accelerations are measured: each pair a shaft apart.
+/// Inertias at which torques act and accelerations are measured. The two of each pair are one shaft apart.
 const DRIVEN: [usize; 3] = [0, 2, 5];
 const MEASURED: [usize; 3] = [1, 3, 6];
 
@@ -35,8 +36,8 @@ pub(super) fn layout(rng: &mut ChaCha12Rng) -> Layout {
     Layout::new(modes, 1..5, 1..5)
 }
 
-/// Natural frequencies in rad/s, lowest first, and the shapes in the columns, each of unit modal inertia. `shafts[i]`
-/// is the stiffness between inertia i - 1, or the outside, and inertia i.
+/// Returns the natural frequencies in rad/s, lowest first, and the shapes in the columns, each of unit modal inertia.
+/// `shafts[i]` is the stiffness between inertia i - 1, or the outside, and inertia i.
 fn eigen(inertias: &[f64], shafts: &[f64]) -> (Vec<f64>, DMatrix<f64>) {
     let n = inertias.len();
     let mut stiffness = DMatrix::zeros(n, n);
@@ -63,8 +64,8 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
 
-    /// Of n equal ones: w_m = 2 sin((2 m - 1) pi / (2 (2 n + 1))), and the shape at inertia i goes with sin((2 m - 1)
-    /// pi i / (2 n + 1)).
+    /// For n equal inertias and shafts, w_m = 2 sin((2 m - 1) pi / (2 (2 n + 1))), and the shape at inertia i is
+    /// proportional to sin((2 m - 1) pi i / (2 n + 1)).
     #[test]
     fn a_uniform_chain_has_the_modes_of_the_closed_form() {
         let n = 7;
@@ -81,7 +82,8 @@ mod tests {
         }
     }
 
-    /// A drawn one is a chain too: what all modes together give at rest is the shafts' compliance up to there.
+    /// At rest, all modes together give the compliance of the shafts up to each inertia. The frequencies of a drawn
+    /// chain are in order.
     #[test]
     fn its_compliance_is_that_of_the_shafts_in_series() {
         let (inertias, shafts) = ([1.0, 0.3, 2.0], [0.5, 4.0, 1.5]);

@@ -5,9 +5,9 @@ use rand_chacha::ChaCha12Rng;
 
 use super::{Layout, truss};
 
-/// The lower mode of each pair, from 0; the next one joins it.
+/// The lower mode of each pair, from 0; the next mode is moved close to it.
 const PAIRS: [usize; 2] = [3, 5];
-/// Distance over the half-power width 2 zeta f of the lower one.
+/// Distance of the two modes, relative to the half-power width 2 zeta f of the lower one.
 const APART: std::ops::Range<f64> = 0.3..1.0;
 
 pub(super) fn layout(rng: &mut ChaCha12Rng) -> Layout {

@@ -1,5 +1,5 @@
-//! A slider or an arm under a controller of positions (proportional, and differential on the measured motion), whose
-//! reference is the input. The controller is continuous, and it is part of the simulation.
+//! A slider or an arm under position control (proportional, and derivative on the measured motion), whose reference
+//! is the input. The controller is continuous, and it is part of the simulation.
 
 use std::f64::consts::TAU;
 
@@ -14,7 +14,7 @@ use crate::gap::rig::{Rig, axis_rate_hz};
 /// Natural frequency of the loop of an axis over the sample rate.
 const FREQUENCY: std::ops::Range<f64> = 0.006..0.012;
 const DAMPING_RATIO: std::ops::Range<f64> = 0.4..0.8;
-/// The bearing's pole over that frequency.
+/// The bearing's pole over the natural frequency.
 const BEARING: std::ops::Range<f64> = 0.05..0.2;
 /// Cut-off of the references over the natural frequency.
 const BAND: std::ops::Range<f64> = 1.5..2.5;
@@ -37,7 +37,8 @@ pub(super) fn of_arm(rng: &mut ChaCha12Rng) -> Layout {
     held(arm, rate_hz, frequency, rng)
 }
 
-/// Each axis has its own controller, with gains for the axis alone. The output is in the unit of the reference.
+/// Closes the loops. Each axis has its own controller, with gains for the axis alone. The output is in the unit of the
+/// reference.
 fn held(axes: Axes, rate_hz: f64, frequency: f64, rng: &mut ChaCha12Rng) -> Layout {
     let w = TAU * frequency * rate_hz;
     let ratio = rng.random_range(DAMPING_RATIO);

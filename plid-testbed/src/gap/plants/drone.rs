@@ -1,5 +1,5 @@
-//! Motors with a slow lag, a body that is held in heave, roll and pitch, and arms that flex: what a command does is
-//! first of all late.
+//! Motors with a slow lag, a body that is held in heave, roll and pitch, and arms that flex. Above all, the response
+//! to a command is late.
 
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
@@ -7,7 +7,7 @@ use rand_chacha::ChaCha12Rng;
 use super::{Layout, about, normal};
 use crate::structure::{Mode, ModeGroup, Row, platform_mode};
 
-/// About which the motors' poles are drawn, Hz.
+/// Value about which the motors' poles are drawn, Hz.
 const MOTOR_HZ: f64 = 12.0;
 /// The body in heave, roll and pitch, then the arms: frequency (Hz), damping ratio, shapes at the sensors and the
 /// motors.

@@ -35,7 +35,7 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    /// With the usual actuators.
+    /// Creates a structure with the usual actuators.
     fn new(modes: Vec<Mode>, dominant: Range<usize>, missable: Range<usize>) -> Self {
         let plant = Plant::of_modes(modes, [ACTUATOR_POLE_HZ; INPUTS]);
         Self { plant, dominant, missable, rig: Rig::of_structure() }
@@ -69,7 +69,7 @@ fn normal(rng: &mut ChaCha12Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// A value with so much relative scatter, never beyond two and a half standard deviations.
+/// Draws a value with the given relative standard deviation, never beyond two and a half standard deviations.
 fn about(value: f64, std: f64, rng: &mut ChaCha12Rng) -> f64 {
     value * (1.0 + std * normal(rng).clamp(-2.5, 2.5))
 }

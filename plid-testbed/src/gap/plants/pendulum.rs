@@ -1,4 +1,4 @@
-//! A pendulum that is driven at its axis and shows its angle. The simulation is that of small angles.
+//! A pendulum that is driven at its axis, and whose angle is measured. The simulation is that of small angles.
 
 use std::f64::consts::TAU;
 

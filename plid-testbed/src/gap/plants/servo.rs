@@ -21,7 +21,7 @@ pub(super) fn layout(rng: &mut ChaCha12Rng) -> Layout {
     let w = TAU * frequency * rate_hz;
     let damping = 2.0 * rng.random_range(DAMPING_RATIO) * w;
     let mut axes = Axes::single(damping, w * w, Shown::Position);
-    // At rest it is at its commanded position.
+    // At rest, the servo is at its commanded position.
     axes.drive = vec![w * w];
     let band = frequency * rng.random_range(BAND);
     Layout::of_axes(axes, Rig { output_v: None, ..Rig::of_axes(rate_hz, band, rng) })

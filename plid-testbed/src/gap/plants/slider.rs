@@ -1,5 +1,5 @@
-//! A mass that no spring holds, with a pole at the origin. The slider runs in a bearing with a damper and shows its
-//! position; the free slider floats on air and shows its speed.
+//! A mass without a spring, with a pole at the origin. The slider runs in a bearing with a damper, and its position
+//! is measured. The free slider floats on air, and its speed is measured.
 
 use std::f64::consts::TAU;
 
@@ -10,9 +10,9 @@ use super::Layout;
 use crate::axes::{Axes, Shown};
 use crate::gap::rig::{Rig, axis_rate_hz};
 
-/// Damping over mass and the sample rate, in periods.
+/// The pole (damping over mass) in Hz, over the sample rate.
 const POLE: std::ops::Range<f64> = 0.002..0.005;
-/// Cut-off of the commands over that.
+/// Cut-off of the commands over the pole.
 const BAND: std::ops::Range<f64> = 3.0..6.0;
 
 pub(super) fn layout(rng: &mut ChaCha12Rng) -> Layout {
@@ -22,7 +22,7 @@ pub(super) fn layout(rng: &mut ChaCha12Rng) -> Layout {
     Layout::of_axes(bearing(pole * rate_hz), Rig::of_axes(rate_hz, band, rng))
 }
 
-/// A slider whose damper has its pole there, Hz.
+/// Creates a slider whose damper gives a pole at `pole_hz`.
 pub(super) fn bearing(pole_hz: f64) -> Axes {
     Axes::single(TAU * pole_hz, 0.0, Shown::Position)
 }

@@ -1,5 +1,5 @@
-//! One mode of three of the truss's tubes, its five dominant modes and the two above them, each drawn about the truss's
-//! own.
+//! One mode of each of three tubes of the truss, its five dominant modes and the two above them. The shapes are drawn
+//! about the truss's own, and the frequencies about those below.
 
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
@@ -9,7 +9,7 @@ use crate::structure::{DOMINANT, Mode, ModeGroup, TRUNCATED, platform_mode, tube
 
 /// Frequencies about which the ten modes are drawn, Hz.
 const FREQUENCIES_HZ: [f64; 10] = [57.0, 60.5, 64.0, 136.0, 168.0, 186.0, 210.0, 240.0, 295.0, 345.0];
-/// Standard deviation of a frequency about them, relative.
+/// Relative standard deviation of a frequency.
 const SCATTER: f64 = 0.02;
 
 pub(super) fn layout(rng: &mut ChaCha12Rng) -> Layout {

@@ -4,13 +4,13 @@
 use nalgebra::Complex;
 use plid_gap::research::Plant;
 
-/// Number of samples that are looked back upon, the present one included.
+/// Number of the most recent samples that are used, including the present one.
 const LAGS: usize = 4;
 /// Poles of first order.
 const SLOW: [f64; 2] = [0.8, 0.97];
-/// Largest number of resonances: those of the lowest frequencies.
+/// Largest number of resonances. Those of the lowest frequencies are used.
 const RESONANCES: usize = 12;
-/// Largest magnitude of a pole, at which a filter remembers a few thousand samples.
+/// Largest magnitude of a pole. At this magnitude, a filter remembers a few thousand samples.
 const MOST: f64 = 0.9995;
 
 /// The filters.

@@ -1,8 +1,8 @@
-//! The black box: a Wiener-Hammerstein model of what the linear simulation leaves. Curves of the simulation's signals
-//! pass through a bank of stable filters into each output, with coefficients of their own. It names nothing; the gap
-//! that it leaves is what a model closes that knows no physics but the linear simulation.
+//! The black box: a Wiener-Hammerstein model of the residual of the linear simulation. Curves of the simulation's
+//! signals pass through a bank of stable filters into each output, with separate coefficients for each output. The
+//! black box names nothing. The gap that it leaves is that of a model without any physics except the linear simulation.
 //!
-//! It has no feedback from its own outputs, so that its free run cannot diverge.
+//! It has no feedback from its own outputs, so its free run cannot diverge.
 
 mod bank;
 mod regressors;
@@ -17,15 +17,15 @@ use bank::Bank;
 use regressors::{Extent, Regressor, Run, signals};
 use selection::Lesson;
 
-/// The content of the model.
+/// The black box as an answer stores it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BlackBox {
-    /// Whether it corrects the linear refit; otherwise it corrects the simulation as given. It is the one with the
-    /// smaller gap on the record by which the model was selected.
+    /// Whether it corrects the linear refit; otherwise it corrects the simulation as given. Of the two, the one with
+    /// the smaller gap on the record by which the model was selected is corrected.
     pub of_refit: bool,
-    /// The ranges of the signals: inputs, outputs, for each port its displacement and its
-    /// velocity, and the change of each input.
+    /// The ranges of the signals: the inputs, the outputs, the displacement and the velocity of each port, and the
+    /// change of each input.
     pub extents: Vec<Extent>,
     /// End of the records from which it learnt, in s.
     pub end_s: f64,
@@ -39,12 +39,12 @@ pub struct BlackBox {
 pub struct Term {
     /// The regressor.
     pub regressor: Regressor,
-    /// For each output the coefficient of each filter.
+    /// The coefficient of each filter, for each output.
     pub coefficients: Vec<Vec<f64>>,
 }
 
-/// Learns from the fitted records. The record that is held out from them selects the number of regressors and the
-/// regularisation, and is then learnt from, too.
+/// Learns from the fitted records. The held-out record selects the number of regressors and the regularisation, and
+/// then contributes to the coefficients as well.
 pub(super) fn learn(ready: &Prepared, refitted: &Plant) -> BlackBox {
     let given = &ready.problem.plant;
     let (fitted, held_out) = (&ready.problem.records, &ready.held_out);
@@ -78,7 +78,8 @@ fn finite(x: &&f64) -> bool {
     x.is_finite()
 }
 
-/// Returns what a simulation leaves of each output relative to its scale, without a number where none was measured.
+/// Returns the residual of a simulation at each output relative to its scale, with NaN where the output was not
+/// measured.
 fn left(record: &Record, simulated: &[Vec<f64>], scale: &[f64]) -> Channels {
     let one = |((y, s), scale): ((&Vec<f64>, &Vec<f64>), &f64)| {
         y.iter().zip(s).map(|(y, s)| (y - s) / scale.max(f64::MIN_POSITIVE)).collect()

@@ -5,7 +5,7 @@ use plid_gap::case::Channels;
 use plid_gap::research::{Fineness, Plant, simulate};
 use serde::{Deserialize, Serialize};
 
-/// The curves of a signal, in which the signal is scaled to unit RMS.
+/// The curves of a signal that is scaled to unit RMS.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Curve {
@@ -19,17 +19,17 @@ pub enum Curve {
     Cube,
     /// Its magnitude.
     Magnitude,
-    /// Nearly its sign.
+    /// A smooth approximation of its sign.
     Sign,
     /// Its part beyond one RMS.
     BeyondOne,
     /// Its part beyond two RMS.
     BeyondTwo,
-    /// What follows it with a play of half an RMS on either side.
+    /// The output of a play operator (backlash) with half an RMS on either side.
     Play,
 }
 
-/// The curves that a signal has by itself.
+/// The curves that apply to every signal.
 const CURVES: [Curve; 8] = [
     Curve::Linear,
     Curve::Square,
@@ -40,7 +40,7 @@ const CURVES: [Curve; 8] = [
     Curve::BeyondTwo,
     Curve::Play,
 ];
-/// The curves of a displacement by which the velocity at the same place is multiplied.
+/// The curves of a displacement by which the velocity at the same port is multiplied.
 const FACTORS: [Curve; 3] = [Curve::Linear, Curve::Magnitude, Curve::Square];
 /// Width in RMS over which the sign changes.
 const SIGN_WIDTH: f64 = 0.1;
@@ -73,13 +73,13 @@ impl Curve {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Factor {
-    /// A signal, by its number.
+    /// The signal with this number.
     Signal(usize),
     /// Time.
     Time,
 }
 
-/// A curve of a signal, which may be multiplied by something else.
+/// A curve of a signal, which may be multiplied by a second factor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Regressor {
@@ -101,8 +101,8 @@ pub struct Extent {
     pub peak: f64,
 }
 
-/// Returns the signals of a linear run from rest: the inputs, the outputs, for each port its displacement and its
-/// velocity, and the change of each input since the last sample.
+/// Returns the signals of a linear run from rest: the inputs, the outputs, the displacement and the velocity of each
+/// port, and the change of each input since the last sample.
 pub(super) fn signals(plant: &Plant, u: &[Vec<f64>]) -> Channels {
     let outputs = simulate(plant, &[], u, 0.0, None, Fineness::COARSE);
     let changes = u.iter().map(|x| (0..x.len()).map(|k| x[k] - if k == 0 { 0.0 } else { x[k - 1] }).collect());

@@ -1,5 +1,6 @@
-//! Which regressors the black box has, and their coefficients: forward selection of whole banks by orthogonal matching
-//! pursuit, and ridge regression. A record that the coefficients were not fitted to selects how many there are.
+//! The choice of the regressors of the black box and of their coefficients: forward selection of whole banks by
+//! orthogonal matching pursuit, and ridge regression. A record to which the coefficients were not fitted selects
+//! their number.
 
 use nalgebra::{Cholesky, DMatrix, Dyn};
 use plid_gap::case::Channels;
@@ -11,23 +12,23 @@ use super::regressors::{Extent, Regressor, Run, all};
 
 /// Largest number of regressors.
 const MOST: usize = 12;
-/// Number of rows by which regressors are chosen.
+/// Number of rows on which the choice of the regressors is based.
 const SCREENED: usize = 3000;
-/// Of so many samples, one is a row of the regression.
+/// Stride of the samples that are rows of the regression.
 const STRIDE: usize = 2;
 /// Ridges on columns of unit RMS.
 const RIDGES: [f64; 4] = [1e-8, 1e-6, 1e-4, 1e-2];
-/// Ridge on columns of unit length in the choice.
+/// Ridge on columns of unit length for the choice.
 const SCREEN_RIDGE: f64 = 1e-6;
 
-/// A record: the signals of its linear run, and what this run leaves of each output (p channels).
+/// A record: the signals of its linear run, and the residual of this run at each output (p channels).
 pub(super) struct Lesson {
     pub run: Run,
     pub left: Channels,
 }
 
 impl Lesson {
-    /// Returns every so many of the samples at which all outputs were measured.
+    /// Returns the indices of every `stride`-th sample, except those at which an output was not measured.
     fn rows(&self, stride: usize) -> Vec<usize> {
         let measured = |k: &usize| self.left.iter().all(|left| left[*k].is_finite());
         (0..self.run.times.len()).step_by(stride).filter(measured).collect()
@@ -48,7 +49,7 @@ impl Library<'_> {
     }
 }
 
-/// Chooses regressors by some records and their number by others, and fits them to all.
+/// Chooses regressors by some records and their number by others, and fits their coefficients to all records.
 pub(super) fn terms(
     learnt: &[Lesson],
     selecting: &[Lesson],
@@ -82,7 +83,7 @@ pub(super) fn terms(
     (0..count).map(of_term).collect()
 }
 
-/// A regressor with the columns of its bank, which have unit length, and the factor of their products.
+/// A regressor with the columns of its bank, which have unit length, and the Cholesky factor of their products.
 struct Candidate {
     regressor: Regressor,
     columns: DMatrix<f64>,
@@ -110,14 +111,14 @@ impl Candidate {
         Some(Self { regressor, columns, factor: products.cholesky()? })
     }
 
-    /// Returns how much the bank explains of the squares of what is left.
+    /// Returns the part of the sum of squares of the residual that the bank explains.
     fn gain(&self, left: &DMatrix<f64>) -> f64 {
         let cross = self.columns.transpose() * left;
         cross.dot(&self.factor.solve(&cross))
     }
 }
 
-/// Returns the regressors in the order in which each explains most of what those before it leave.
+/// Returns the regressors in order. Each explains most of the residual that those before it leave.
 fn chosen(lessons: &[Lesson], library: &Library, all: &[Regressor]) -> Vec<Regressor> {
     let samples: usize = lessons.iter().map(|lesson| lesson.run.times.len()).sum();
     let rows: Vec<Vec<usize>> = lessons.iter().map(|lesson| lesson.rows(samples.div_ceil(SCREENED).max(1))).collect();
@@ -151,7 +152,7 @@ fn chosen(lessons: &[Lesson], library: &Library, all: &[Regressor]) -> Vec<Regre
     chosen
 }
 
-/// Returns what the linear runs leave in these rows, with a column for each output.
+/// Returns the residuals of the linear runs in these rows, with a column for each output.
 fn residual(lessons: &[Lesson], rows: &[Vec<usize>]) -> DMatrix<f64> {
     let outputs = lessons.first().map_or(0, |lesson| lesson.left.len());
     let of_output = |o: usize| {
@@ -203,7 +204,7 @@ impl Normal {
         }
     }
 
-    /// Returns the coefficients of the first columns, one column of them for each output.
+    /// Returns the coefficients of the first columns, with one column of coefficients for each output.
     fn solved(&self, count: usize, ridge: f64) -> Option<DMatrix<f64>> {
         // Columns of unit RMS; one that is always zero gets no coefficient.
         let size = |j: usize| (self.products[(j, j)] / self.rows as f64).sqrt();
@@ -221,7 +222,7 @@ impl Normal {
         Some(scaled(products.cholesky()?.solve(&cross)))
     }
 
-    /// Returns the squares that these coefficients of the first columns leave.
+    /// Returns the sum of squares that remains with these coefficients of the first columns.
     fn squares_with(&self, coefficients: &DMatrix<f64>) -> f64 {
         let count = coefficients.nrows();
         let products = self.products.view((0, 0), (count, count));

@@ -1,5 +1,4 @@
-//! Truths written here as plain difference equations, which share no code with the signals and filters of the black
-//! box.
+//! The truths are plain difference equations, which share no code with the signals and filters of the black box.
 
 use nalgebra::{Matrix4, RowVector4, Vector4};
 use plid_gap::case::Excitation;
@@ -43,7 +42,7 @@ impl TwoModes {
         Model::from_json(&text, "here").unwrap()
     }
 
-    /// The output where a law bends the command, another law the output, and a third one feeds the output back.
+    /// Returns the output if one law distorts the command, another the output, and a third feeds the output back.
     fn output(&self, u: &[f64], truth: &Truth) -> Vec<f64> {
         let mut x = Vector4::zeros();
         let step = |u: &f64| {
@@ -63,7 +62,7 @@ struct Truth {
 
 const LINEAR: Truth = Truth { actuator: |u| u, sensor: |y| y, feedback: |_| 0.0 };
 
-/// Records from rest at these levels, the last of which no one learns from.
+/// Returns records from rest at several levels. No model learns from the last one.
 fn records(system: &TwoModes, truth: &Truth) -> Vec<Record> {
     let mut rng = ChaCha12Rng::seed_from_u64(5);
     let mut start = 0;
@@ -125,7 +124,7 @@ fn a_wiener_system_is_closed() {
     assert!(given > 0.2 && left < 0.05 * given, "{given} {left}");
 }
 
-/// A hardening spring feeds the motion back, which the black box, without feedback, does only nearly.
+/// A hardening spring feeds the motion back. Without feedback, the black box can only approximate this.
 #[test]
 fn a_spring_in_the_loop_is_closed_in_part() {
     let [given, left] = gaps(&Truth { feedback: |y| 0.01 * y * y * y, ..LINEAR });
@@ -138,8 +137,8 @@ fn where_nothing_is_missing_it_makes_nothing_worse() {
     assert!(left < 1.01 * given, "{given} {left}");
 }
 
-/// A simulation whose second mode is 2 % too low, and nothing else: the linear refit is the better start, and what it
-/// leaves is not made worse.
+/// The second mode of the simulation is 2 % too low, and nothing else is wrong. The linear refit is the better start,
+/// and its residual is not made worse.
 #[test]
 fn a_refit_that_is_better_is_corrected_instead_of_the_simulation() {
     let system = TwoModes::new();
@@ -157,7 +156,7 @@ fn a_refit_that_is_better_is_corrected_instead_of_the_simulation() {
     assert!(rms(&error) < 1.02 * NOISE, "{}", rms(&error));
 }
 
-/// A command ten times as large as any that was learnt from.
+/// The prediction stays bounded for a command ten times as large as any from which the black box learnt.
 #[test]
 fn a_prediction_is_bounded() {
     let system = TwoModes::new();
