@@ -2,21 +2,25 @@
 
     python3 experiments/mujoco/linear.py draw OUT --cases 48 --seed 1
     python3 experiments/mujoco/linear.py score OUT --plid target/release/plid
+    python3 experiments/mujoco/linear.py record OUT --seed 1
 
-`draw` writes OUT/NNN with sim.json (the model linearised at rest), records at two levels and one without input, and
-case.toml. The truth is the MuJoCo model itself with a cause. OUT/labels/NNN has the label and a record of which no
+`draw` writes OUT/cases/NNN with model.json (the model linearised at rest), records at two levels and one without input,
+and case.toml. The truth is the MuJoCo model itself with a cause. OUT/labels/NNN has the label and a record of which no
 diagnosis knows. `score` diagnoses the cases and compares the answers with the labels. Every other case declares no
-port. Needs NumPy, SciPy and `mujoco`.
+port. `record` writes a few short cases, OUT/NAME, and OUT/labels.json: those of tests/mujoco. Needs NumPy, SciPy and
+`mujoco`.
 """
 
 import argparse
 import itertools
 import json
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
+import typing
 
 import mujoco
 import numpy as np
@@ -27,6 +31,18 @@ from model_from_matrices import from_mujoco, state_space  # noqa: E402
 
 SECONDS = 6.0
 STEPS_PER_SAMPLE = 8
+
+
+class Records(typing.NamedTuple):
+    """What is recorded of a case. `levels` are those of the commands; the last record is withheld."""
+
+    most_samples: int
+    levels: list
+    digits: int
+
+
+DRAWN = Records(3000, [0.4, 1.0, 1.0, 0.0, 1.0], 9)
+SHORT = Records(1200, [0.4, 1.0, 1.0, 1.0], 5)
 
 
 class Plant:
@@ -202,6 +218,9 @@ KINDS = [
     ("chain", "sensor delay"), ("arm", "none"), ("slider", "sensor delay"), ("slider", "sound loop"), ("servo", "none"),
 ]
 
+# The cases that `record` writes.
+RECORDED = [("slider", "friction"), ("servo", "lag"), ("pendulum", "sine"), ("motor", "none"), ("chain", "mass")]
+
 
 def steps(rng, samples, level):
     """Steps of random size and length, smoothed."""
@@ -273,15 +292,17 @@ def linearised(plant):
     return model, ports
 
 
-def write(path, inputs, outputs, u, y):
-    np.savetxt(path, np.column_stack([u, y]), delimiter=",", header=",".join(inputs + outputs), comments="", fmt="%.9g")
+def write(path, outputs, u, y, digits):
+    # Adding zero makes -0 a 0.
+    table, header = np.column_stack([u, y]) + 0.0, ",".join(["u"] + outputs)
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt=f"%.{digits}g")
 
 
-def draw(out, name, plant_name, kind, with_ports, seed):
+def draw(out, name, plant_name, kind, with_ports, seed, records=DRAWN):
     rng = np.random.default_rng(seed)
     plant, big = PLANTS[plant_name], rng.uniform(0.8, 1.25)
-    samples = round(SECONDS * plant.rate)
-    commands = [steps(rng, samples, level * plant.level) for level in [0.4, 1.0, 1.0, 0.0, 1.0]]
+    samples = min(round(SECONDS * plant.rate), records.most_samples)
+    commands = [steps(rng, samples, level * plant.level) for level in records.levels]
     alone = drawn("sound loop", plant, 1.0, {}) if "loop" in kind else Truth([])
     _, nominal, reach = measure(plant, alone, commands[1], np.zeros(1), rng)
     noise = 0.004 * np.sqrt(np.mean(np.square(nominal), axis=0))
@@ -291,20 +312,19 @@ def draw(out, name, plant_name, kind, with_ports, seed):
     for made in (folder, label):
         made.mkdir(parents=True, exist_ok=True)
     declared = with_ports and bool(ports)
-    (folder / "sim.json").write_text(json.dumps({**model, "ports": ports} if declared else model, indent=1) + "\n")
-    lines = [
-        'sim = "sim.json"', f"sample_rate_hz = {plant.rate}", 'inputs = ["u"]', f"outputs = {json.dumps(plant.names())}"
-    ]
+    (folder / "model.json").write_text(json.dumps({**model, "ports": ports} if declared else model, indent=1) + "\n")
+    lines = ['sim = "model.json"', f"sample_rate_hz = {plant.rate}"]
+    lines += ['inputs = ["u"]', f"outputs = {json.dumps(plant.names())}"]
     for k, u in enumerate(commands):
         sent, y, _ = measure(plant, truth, u, noise, rng)
         # An encoder has steps of the size of its noise.
         y = np.round((y + noise * rng.normal(size=y.shape)) / noise) * noise
         if k == len(commands) - 1:
-            write(label / "test_uy.csv", ["u"], plant.names(), sent, y)
-            write(label / "test_u.csv", ["u"], [], sent, np.zeros((len(sent), 0)))
+            write(label / "test_uy.csv", plant.names(), sent, y, records.digits)
+            write(label / "test_u.csv", [], sent, np.zeros((len(sent), 0)), records.digits)
             size = np.sqrt(np.mean(np.square(y), axis=0))
         else:
-            write(folder / f"r{k}.csv", ["u"], plant.names(), sent, y)
+            write(folder / f"r{k}.csv", plant.names(), sent, y, records.digits)
             quiet = not np.any(sent)
             lines += ["", "[[record]]", f'file = "r{k}.csv"'] + (['excitation = "zero"'] if quiet else [])
     (folder / "case.toml").write_text("\n".join(lines) + "\n")
@@ -312,6 +332,19 @@ def draw(out, name, plant_name, kind, with_ports, seed):
     found = dict(plant=plant_name, kind=kind, ports=declared, effects=truth.effects, noise=floor)
     found["places"] = sorted(truth.places)
     (label / "label.json").write_text(json.dumps(found, indent=1) + "\n")
+
+
+def record(out, seed):
+    """Writes the short cases, without their withheld records."""
+    labels = {}
+    with tempfile.TemporaryDirectory() as folder:
+        drawn_in = pathlib.Path(folder)
+        for at, (plant, kind) in enumerate(RECORDED):
+            name = f"{plant}-{kind}"
+            draw(drawn_in, name, plant, kind, at % 2 == 0, seed * 1000 + at, SHORT)
+            shutil.copytree(drawn_in / "cases" / name, out / name, dirs_exist_ok=True)
+            labels[name] = json.loads((drawn_in / "labels" / name / "label.json").read_text())
+    (out / "labels.json").write_text(json.dumps(labels, indent=1) + "\n")
 
 
 def judge(label, answer):
@@ -381,12 +414,17 @@ def main():
     drawing.add_argument("out", type=pathlib.Path)
     drawing.add_argument("--cases", type=int, default=2 * len(KINDS))
     drawing.add_argument("--seed", type=int, default=1)
+    recording = commands.add_parser("record", help="draw the short cases of tests/mujoco")
+    recording.add_argument("out", type=pathlib.Path)
+    recording.add_argument("--seed", type=int, default=1)
     scoring = commands.add_parser("score", help="diagnose drawn cases and compare the answers with their labels")
     scoring.add_argument("out", type=pathlib.Path)
     scoring.add_argument("--plid", default="target/release/plid")
     given = parser.parse_args()
     if given.command == "score":
         return summarise(score(given.out, given.plid))
+    if given.command == "record":
+        return record(given.out, given.seed)
     for at, (plant, kind) in zip(range(given.cases), itertools.cycle(KINDS)):
         with_ports = (at + at // len(KINDS)) % 2 == 0
         draw(given.out, f"{at + 1:03}", plant, kind, with_ports, given.seed * 1000 + at)

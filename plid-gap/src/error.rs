@@ -101,8 +101,8 @@ pub enum GapError {
     },
     /// A prediction diverges.
     #[error(
-        "output `{output}` diverges at sample {sample} (from 0): it is {value:.3e}, where the linear simulation stays \
-        within {linear:.3e}"
+        "output `{output}` diverges at sample {sample} (from 0): it is {value:.3e}, where a peak of about \
+        {expected:.3e} is expected"
     )]
     #[diagnostic(help(
         "the input exceeds the range in which the effect's law holds, or the effect itself is unstable there"
@@ -114,8 +114,10 @@ pub enum GapError {
         sample: usize,
         /// The output at that sample.
         value: f64,
-        /// Peak of the linear simulation, or of the fitted records if that is larger.
-        linear: f64,
+        /// The peak that was expected. For a linear simulation: its own peak, or that of the fitted records if this
+        /// is larger. For a simulator in the loop: that of the fitted records, in proportion to a louder input, or
+        /// that of a run without the effects if the file does not state it.
+        expected: f64,
     },
     /// The records are too short for a fit.
     #[error("{0}")]

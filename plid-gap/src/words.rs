@@ -5,6 +5,12 @@ use plid_report::Cell;
 /// Beyond this difference in log likelihood the odds exceed 10^400 : 1, and further digits mean nothing.
 const OVERWHELMING: f64 = 1e3;
 
+/// Formats a band, "64 to 76 Hz", with as many digits as its width needs.
+pub(crate) fn band(from: f64, to: f64) -> String {
+    let digits = usize::from(to - from < 5.0) + usize::from(to - from < 0.5);
+    format!("{from:.digits$} to {to:.digits$} Hz")
+}
+
 /// Formats a difference in log likelihood for a sentence.
 pub(crate) fn likelihood(difference: f64) -> String {
     if difference.abs() > OVERWHELMING {

@@ -353,7 +353,7 @@ impl Groups<'_> {
             add(ALL, &|_| true);
             add(OWN, &|line| strong(line) && line.own_equation);
             add(NEAR, &|line| strong(line) && !line.own_equation);
-            for arm in [Arm::None, Arm::Outsider, Arm::Pair] {
+            for arm in [Arm::None, Arm::Outsider, Arm::Pair, Arm::Triple] {
                 add(&name(arm), &|line| line.arm == arm);
             }
         }

@@ -10,7 +10,7 @@ use plid::gap::effects::Library;
 use plid::gap::in_loop::{self, LoopPredictor};
 use plid::simulator::Command;
 
-use super::predict::say;
+use super::predict::{Stated, say};
 use super::serve_fmu::Choice;
 use super::{Failure, Voice, directory, progress::Spinner, table, voice};
 
@@ -65,9 +65,10 @@ pub fn predict(
     (input, out): (&Path, &Path),
     t0: Option<f64>,
     folder: &Path,
+    stated: Option<Stated>,
     voice: Voice,
 ) -> Result<(), Failure> {
-    let predictor = LoopPredictor::read(simulation)?;
+    let predictor = LoopPredictor::read(simulation, library)?;
     let written = &predictor.written;
     if written.command.is_empty() && written.fmu.is_none() {
         let message =
@@ -89,10 +90,10 @@ pub fn predict(
             choice.start(Path::new(&source.file), folder, Command::PATIENCE)?
         }
     };
-    let prediction = predictor.predict(&mut simulator, library, &u, t0)?;
+    let prediction = predictor.predict(&mut simulator, &u, t0)?;
     let y = &prediction.outputs;
     let outputs: Vec<String> = written.simulator.outputs.iter().map(|output| output.name.clone()).collect();
     let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);
     table::write_csv(out, &outputs, &values)?;
-    say(out, y[0].len(), t0, predictor.expected_gap(&prediction), prediction.beyond, voice)
+    say((out, y[0].len()), t0, predictor.expected_gap(&prediction), stated, prediction.beyond, voice)
 }

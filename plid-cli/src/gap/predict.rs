@@ -44,9 +44,10 @@ pub struct Arguments {
 pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     let simulation = arguments.diagnosis.with_file_name("sim-with-effect.json");
     arguments.overwrites_nothing(&simulation)?;
+    let stated = Stated::read(&arguments.diagnosis);
     if in_loop::is_of_simulator(&simulation)? {
         let Arguments { input, out, t0, folder, .. } = &arguments;
-        return in_loop::predict(&simulation, library, (input, out), *t0, folder, voice);
+        return in_loop::predict(&simulation, library, (input, out), *t0, folder, stated, voice);
     }
     let predictor = Predictor::read(&simulation, library)?;
     let u = arguments.driving(&predictor, &simulation)?;
@@ -71,7 +72,31 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
     let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);
     table::write_csv(&arguments.out, &predictor.model.outputs, &values)?;
     let gap = predictor.expected_gap(&prediction, &y);
-    say(&arguments.out, y[0].len(), t0, gap, prediction.beyond, voice)
+    say((&arguments.out, y[0].len()), t0, gap, stated, prediction.beyond, voice)
+}
+
+/// The gap that a diagnosis states for a further record at full level, with its 80 % interval.
+pub(super) struct Stated {
+    gap: f64,
+    ci80: [f64; 2],
+}
+
+impl Stated {
+    /// Reads the statement of a diagnosis.json. The prediction does not depend on it, so a file that is absent or does
+    /// not contain it is no error.
+    fn read(diagnosis: &Path) -> Option<Self> {
+        let json: serde_json::Value = serde_json::from_slice(&std::fs::read(diagnosis).ok()?).ok()?;
+        let gap = &json["gap"];
+        let end = |k: usize| gap["predicted_ci80"][k].as_f64();
+        Some(Self { gap: gap["predicted_held_out_gap"].as_f64()?, ci80: [end(0)?, end(1)?] })
+    }
+}
+
+impl std::fmt::Display for Stated {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [gap, low, high] = [self.gap, self.ci80[0], self.ci80[1]].map(percent);
+        write!(f, "on a record at full level {gap}, 80 % interval {low} to {high}")
+    }
 }
 
 impl Arguments {
@@ -111,12 +136,12 @@ fn read(file: &Path, predictor: &Predictor, names: &[String], simulation: &Path)
     Ok(columns(&table::pick(&table, names)?))
 }
 
-/// Reports what was written, and warns if the input exceeds the fitted range.
+/// Reports what was written and how good it is expected to be, and warns if the input exceeds the fitted range.
 pub(super) fn say(
-    out: &Path,
-    samples: usize,
+    (out, samples): (&Path, usize),
     t0: f64,
     gap: Option<f64>,
+    stated: Option<Stated>,
     beyond: Option<Beyond>,
     voice: Voice,
 ) -> Result<(), Failure> {
@@ -126,6 +151,8 @@ pub(super) fn say(
             "{}\n",
             serde_json::json!({
                 "out": out, "samples": samples, "t0": t0, "expected_gap": gap,
+                "predicted_held_out_gap": stated.as_ref().map(|stated| stated.gap),
+                "predicted_ci80": stated.as_ref().map(|stated| stated.ci80),
                 "beyond_fitted": beyond.map(|beyond| serde_json::json!({ "times": beyond.times, "what": beyond.what })),
             })
         ));
@@ -134,7 +161,8 @@ pub(super) fn say(
         return Ok(());
     }
     let gap = gap.map_or("the outputs are zero".to_string(), |gap| format!("expected gap {}", percent(gap)));
-    voice::print(&format!("{samples} samples from {t0:.3} s on: {}; {gap}\n", out.display()))?;
+    let stated = stated.map_or_else(String::new, |stated| format!(" ({stated})"));
+    voice::print(&format!("{samples} samples from {t0:.3} s on: {}; {gap}{stated}\n", out.display()))?;
     if let Some(warning) = beyond.and_then(|beyond| beyond.warning()) {
         voice::remark(&format!("warning: {warning}"));
     }

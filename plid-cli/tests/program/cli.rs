@@ -305,6 +305,29 @@ fn an_experiment_with_a_wrong_key_says_where() {
     fails(at, &["run", "e.toml"], 2, "r.csv");
 }
 
+#[test]
+fn a_held_out_output_that_never_moves_does_not_diverge() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    let still = |(k, line): (usize, &str)| match line.rsplit_once(',') {
+        Some((before, _)) if k > 290 => format!("{before},0\n"),
+        _ => format!("{line}\n"),
+    };
+    put(at, "r.csv", &record(400, 0.001).lines().enumerate().map(still).collect::<String>());
+    put(
+        at,
+        "e.toml",
+        "[data]\nfiles = [\"r.csv\"]\ninputs = [\"u\"]\noutputs = [\"y\"]\n\
+         [preparation]\ntrend = \"none\"\n[structure]\nstates = 2\n",
+    );
+    let output = plid(at, &["run", "e.toml", "--out", "out"]);
+    let said = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let row = said.lines().find(|line| line.trim_start().starts_with("y ")).unwrap();
+    assert_eq!(row.split_whitespace().collect::<Vec<_>>(), ["y", "constant", "constant"]);
+    assert!(!said.contains("diverges"), "{said}");
+}
+
 /// Ctrl-C, then --resume: the same bytes as in one go.
 #[cfg(unix)]
 #[test]

@@ -148,6 +148,16 @@ fn check_expected_gap(at: &Path, rng: &mut ChaCha8Rng) {
     };
     let (within, beyond) = (expected(0.8), expected(20.0));
     assert!(within["expected_gap"].as_f64().unwrap() > 0.0 && within["beyond_fitted"].is_null(), "{within}");
+    // The interval is that of the diagnosis, whatever the input.
+    let written = std::fs::read_to_string(at.join("out/diagnosis.json")).unwrap();
+    let gap = &serde_json::from_str::<serde_json::Value>(&written).unwrap()["gap"];
+    for key in ["predicted_held_out_gap", "predicted_ci80"] {
+        assert!(!gap[key].is_null() && within[key] == gap[key] && beyond[key] == gap[key], "{key}: {within} {gap}");
+    }
+    let said = plid(at, &PREDICT);
+    let said = String::from_utf8_lossy(&said.stdout).into_owned();
+    assert!(said.contains("expected gap") && said.contains("(on a record at full level"), "{said}");
+    assert!(said.contains("80 % interval"), "{said}");
     assert!(beyond["beyond_fitted"]["times"].as_f64().unwrap() > 10.0, "{beyond}");
 }
 

@@ -43,21 +43,22 @@ fn simulation_with_effects() {
     });
 }
 
-/// Such a file belongs to a simulator with one input.
+/// Such a file belongs to a simulator with one input. It, too, may contain a delay of a million samples.
 #[test]
 fn simulator_with_effects() {
-    fuzz("simulator-with-effects", 5000, 2000, |bytes| {
+    fuzz("simulator-with-effects", 100_000, 2000, |bytes| {
         let written: SimulatorWithEffects = match json(bytes) {
             Ok(written) => written,
             Err(error) => return error.to_string(),
         };
-        let predictor = match LoopPredictor::new(written) {
+        let library = Library::standard();
+        let predictor = match LoopPredictor::new(written, &library) {
             Ok(predictor) => predictor,
             Err(message) => return message,
         };
         let u: Vec<f64> = (0..SAMPLES).map(|k| if k % 5 < 2 { 1.0 } else { -0.5 }).collect();
         let t0 = predictor.written.t0;
-        let predicted = predictor.predict(&mut simulator(), &Library::standard(), &[u], t0);
+        let predicted = predictor.predict(&mut simulator(), &[u], t0);
         if let Ok(prediction) = &predicted {
             assert!(prediction.outputs.iter().flatten().all(|y| y.is_finite()), "an output that is not finite");
             assert!(predictor.expected_gap(prediction).is_none_or(f64::is_finite));

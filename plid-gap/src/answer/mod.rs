@@ -1,12 +1,14 @@
 //! The answer in names, figures and sentences.
 
 pub(crate) mod calibrated;
-mod motion;
+pub(crate) mod motion;
 pub mod predict;
 pub(crate) mod range;
 pub mod schema;
+mod sensor_noise;
 pub(crate) mod sentence;
 pub(crate) mod simulation;
+pub(crate) mod statements;
 pub(crate) mod whole_delay;
 pub(crate) mod words;
 
@@ -294,6 +296,7 @@ pub(crate) fn remainder(
     Remainder {
         gap: gap.with_effect,
         noise: floor,
+        noise_unseen: !explained.level.seen && explained.unpredicted.is_none(),
         share_of_gap: if beyond(gap.as_given) > 0.0 {
             (beyond(gap.with_effect) / beyond(gap.as_given)).min(1.0)
         } else {

@@ -6,12 +6,13 @@ use std::sync::Arc;
 use plid_model::Model;
 
 use crate::answer::range::{Beyond, FittedRange, difference, displacement_peaks, expected_gap, peak, require_sizes};
-use crate::answer::schema::SimulationWithEffects;
+use crate::answer::schema::{SimulationWithEffects, WrittenEffect};
 use crate::case::record::Channels;
 use crate::case::{Controller, Intersample};
 use crate::effects::{Action, Effect, Flexible, Library, Parameter, Place, Range, Setting};
 use crate::error::GapError;
 use crate::fit::free_run::diverges;
+use crate::fit::problem::Placed;
 use crate::plant::Plant;
 use crate::simulate::{Fineness, simulate};
 
@@ -35,6 +36,8 @@ pub struct Predictor {
     plant: Plant,
     as_given: Option<Plant>,
     actions: Vec<Action>,
+    /// Whether one of the effects is a curve without a law.
+    is_curve: bool,
 }
 
 /// A prediction and its reliability.
@@ -83,27 +86,15 @@ impl Predictor {
         let inputs = plant.controller.as_ref().map_or(model.inputs.clone(), |controller| controller.drivers());
         let setting = Setting::bare(&plant, &model);
         require_possible_sizes(&written, &plant).map_err(malformed)?;
-        let mut actions = Vec::new();
+        let (mut actions, mut is_curve) = (Vec::new(), false);
         for written in &written.effects {
             let sibling = Flexible::named(&written.effect);
             let effect = library
                 .get(&written.effect)
                 .or(sibling.map(|sibling| sibling as &dyn Effect))
                 .ok_or_else(|| malformed(format!("there is no effect `{}`", written.effect)))?;
-            let place = place(&written.location, effect, &setting)
-                .filter(|place| acts_at(place, effect, library, &setting))
-                .ok_or_else(|| malformed(format!("{}: it cannot act at `{}`", written.effect, written.location)))?;
-            let mut parameters = Vec::new();
-            let is_written = |p: &Parameter| !p.optional || written.parameters.contains_key(&p.name);
-            for parameter in effect.parameters(&setting).into_iter().take_while(is_written) {
-                let value = written
-                    .parameters
-                    .get(&parameter.name)
-                    .ok_or_else(|| malformed(format!("{} has no parameter `{}`", written.effect, parameter.name)))?;
-                require_possible(&parameter, value.value, plant.rate)
-                    .map_err(|reason| malformed(format!("{}: `{}` {reason}", written.effect, parameter.name)))?;
-                parameters.push(value.value);
-            }
+            is_curve |= Flexible::is_curve(effect);
+            let Placed { place, parameters, .. } = placed(written, effect, library, &setting).map_err(malformed)?;
             let given = |name: &str| {
                 let value = written.given.get(name).map(|given| given.value);
                 value.ok_or_else(|| malformed(format!("{} lacks `{name}` under `given`", written.effect)))
@@ -124,7 +115,7 @@ impl Predictor {
         });
         let as_given = as_given.transpose()?;
         let SimulationWithEffects { t0, noise_rms, fitted, intersample, .. } = written;
-        Ok(Self { model, inputs, t0, noise_rms, fitted, intersample, plant, as_given, actions })
+        Ok(Self { model, inputs, t0, noise_rms, fitted, intersample, plant, as_given, actions, is_curve })
     }
 
     /// Returns the part of commands (m channels) that does not come from feedback, as the input of a prediction.
@@ -157,24 +148,16 @@ impl Predictor {
     fn require_bounded(&self, outputs: &[Vec<f64>], linear: &[Vec<f64>]) -> Result<(), GapError> {
         let fitted = |o: usize| self.fitted.as_ref().map_or(0.0, |fitted| fitted.output_peak[o]);
         let peaks: Vec<f64> = linear.iter().enumerate().map(|(o, y)| peak(y).max(fitted(o))).collect();
-        let first = |(o, y): (usize, &Vec<f64>)| Some((y.iter().position(|&y| diverges(y, peaks[o]))?, o));
-        match outputs.iter().enumerate().filter_map(first).min() {
-            None => Ok(()),
-            Some((sample, o)) => Err(GapError::Diverged {
-                output: self.model.outputs[o].clone(),
-                sample,
-                value: outputs[o][sample],
-                linear: peaks[o],
-            }),
-        }
+        require_bounded(&self.model.outputs, outputs, &peaks)
     }
 
     /// Returns the relative gap that a prediction is expected to have. The squares of three parts add up: the noise;
     /// the gap that the fitted records left beyond the noise, multiplied by the excess of the input over them
-    /// ([`Beyond::times`]); and the share 1 - 1 / times of the effects' correction. `None` if an output is zero,
-    /// because no gap can be relative to it.
+    /// ([`Beyond::times`]); and the share 1 - 1 / times of the effects' correction. If one of the effects is a curve
+    /// without a law, the whole correction counts where the excess is clear. `None` if an output is zero, because no
+    /// gap can be relative to it.
     pub fn expected_gap(&self, prediction: &Prediction, outputs: &[Vec<f64>]) -> Option<f64> {
-        expected_gap(self.fitted.as_ref(), &self.noise_rms, prediction, outputs)
+        expected_gap(self.fitted.as_ref(), &self.noise_rms, prediction, outputs, self.is_curve)
     }
 
     /// Simulates the outputs (p channels) for the channels of [`Predictor::inputs`], starting from rest at time `t0`,
@@ -194,13 +177,61 @@ impl Predictor {
     }
 }
 
+/// Checks that no output exceeds its expected peak by so much that the run has diverged. Both lists have an entry for
+/// each of the outputs with these names.
+///
+/// # Errors
+/// [`GapError::Diverged`] with the first sample that is not finite or is out of bounds.
+pub(crate) fn require_bounded(names: &[String], outputs: &[Vec<f64>], peaks: &[f64]) -> Result<(), GapError> {
+    let first = |(o, y): (usize, &Vec<f64>)| Some((y.iter().position(|&y| diverges(y, peaks[o]))?, o));
+    match outputs.iter().enumerate().filter_map(first).min() {
+        None => Ok(()),
+        Some((sample, o)) => {
+            let (value, expected) = (outputs[o][sample], peaks[o]);
+            Err(GapError::Diverged { output: names[o].clone(), sample, value, expected })
+        }
+    }
+}
+
 /// Checks that every list has an entry for each channel and that every number is possible.
 fn require_possible_sizes(written: &SimulationWithEffects, plant: &Plant) -> Result<(), String> {
-    if !written.t0.is_finite() {
-        return Err(format!("`t0` is {}", written.t0));
-    }
+    require_finite("t0", written.t0)?;
     require_sizes("noise_rms", &written.noise_rms, plant.p)?;
     written.fitted.as_ref().map_or(Ok(()), |fitted| fitted.require_sizes(plant.m, plant.ports.len(), plant.p))
+}
+
+/// Checks that a number from a file is finite.
+///
+/// # Errors
+/// Returns a sentence that names the key.
+pub(crate) fn require_finite(key: &str, value: f64) -> Result<(), String> {
+    if value.is_finite() { Ok(()) } else { Err(format!("`{key}` is {value}")) }
+}
+
+/// Returns an effect of a file at its location, with its parameters. No run with it can hang or panic.
+///
+/// # Errors
+/// Returns a sentence that names the effect, and its location or the parameter that is impossible.
+pub(crate) fn placed<'e>(
+    written: &WrittenEffect,
+    effect: &'e dyn Effect,
+    library: &Library,
+    setting: &Setting,
+) -> Result<Placed<'e>, String> {
+    let name = &written.effect;
+    let place = place(&written.location, effect, setting)
+        .filter(|place| acts_at(place, effect, library, setting))
+        .ok_or_else(|| format!("{name}: it cannot act at `{}`", written.location))?;
+    let value = |parameter: Parameter| {
+        let value = written.parameters.get(&parameter.name).map(|value| value.value);
+        let value = value.ok_or_else(|| format!("{name} has no parameter `{}`", parameter.name))?;
+        require_possible(&parameter, value, setting.plant.rate)
+            .map_err(|reason| format!("{name}: `{}` {reason}", parameter.name))?;
+        Ok(value)
+    };
+    let is_written = |p: &Parameter| !p.optional || written.parameters.contains_key(&p.name);
+    let all = effect.parameters(setting).into_iter().take_while(is_written);
+    Ok(Placed { effect, place, parameters: all.map(value).collect::<Result<_, String>>()? })
 }
 
 /// Checks that a parameter can have this value.
@@ -230,7 +261,7 @@ fn acts_at(place: &Place, effect: &dyn Effect, library: &Library, setting: &Sett
 }
 
 /// Returns the place of a location that [`Place::location`] wrote.
-pub(crate) fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place> {
+fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place> {
     let names = &setting.names;
     let of = |list: &[String], name: &str| list.iter().position(|x| x == name);
     if location == "structure" {
@@ -302,6 +333,7 @@ mod tests {
                 plant,
                 as_given: None,
                 actions,
+                is_curve: false,
             },
             u,
         )
@@ -343,6 +375,51 @@ mod tests {
         }
         let nothing = predictor.predict(&scaled(&u, 0.0), 0.0).unwrap();
         assert_eq!(predictor.expected_gap(&nothing, &nothing.outputs), None);
+    }
+
+    /// Clearly beyond the fitted range, the whole correction by a curve without a law is uncertain. Within the range,
+    /// and with a law, nothing changes.
+    #[test]
+    fn a_curve_without_a_law_is_not_extrapolated() {
+        let (mut predictor, u) = softening();
+        for (level, beyond) in [(5e-4, false), (1e-3, false), (1.1e-3, false), (3e-3, true), (1e-2, true)] {
+            let prediction = predictor.predict(&scaled(&u, level), 0.0).unwrap();
+            let [law, curve] = [false, true].map(|is_curve| {
+                predictor.is_curve = is_curve;
+                predictor.expected_gap(&prediction, &prediction.outputs).unwrap()
+            });
+            let ratios = prediction.correction.iter().zip(&prediction.outputs).map(|(c, y)| (rms(c) / rms(y)).powi(2));
+            let correction = (ratios.sum::<f64>() / 2.0).sqrt();
+            if beyond {
+                let known = 1.0 - 1.0 / prediction.beyond.unwrap().times;
+                let more = correction * correction * (1.0 - known * known);
+                assert!(curve > law && curve > correction, "{level}: {curve} {law} {correction}");
+                assert!((curve * curve - law * law - more).abs() < 1e-9 * curve * curve, "{level}: {curve} {law}");
+            } else {
+                assert_eq!(curve.to_bits(), law.to_bits(), "{level}");
+            }
+        }
+    }
+
+    /// A file shows whether one of its effects is a curve without a law. The weights of a free path hold at any level.
+    #[test]
+    fn a_file_shows_whether_an_effect_is_a_curve() {
+        let model = truss(1);
+        let read = |effect: &str, count: usize| {
+            let value = serde_json::json!({ "value": 0.01, "unit": "1" });
+            let parameters: serde_json::Map<_, _> = (1..=count).map(|k| (format!("s_{k}"), value.clone())).collect();
+            let file = serde_json::json!({
+                "format": "simulation-with-effects",
+                "linear": Plant::new(&model).unwrap().to_model(&model).to_json(),
+                "modes": 4, "refit": [], "t0": 1.0, "noise_rms": [0.1, 0.1],
+                "effects": [{ "effect": effect, "location": "output:y2", "equation": "", "parameters": parameters,
+                              "given": { "unit": value, "size": value } }],
+            });
+            let file = serde_json::from_value(file).unwrap();
+            Predictor::new(file, &Library::standard(), Path::new("sim.json")).unwrap().is_curve
+        };
+        assert!(read("free-sensor", 16));
+        assert!(!read("free-sensor-path", 4));
     }
 
     /// The outputs of the simulation as given and the change by refit and effects add up to the prediction, even where

@@ -46,6 +46,12 @@ impl Beyond {
         self.times > JUST_BEYOND
     }
 
+    /// Returns the share of the effects' correction that is uncertain. A law holds beyond the fitted range as well,
+    /// although less surely. Of a curve without a law, nothing is known clearly beyond that range.
+    fn uncertain(&self, is_curve: bool) -> f64 {
+        if is_curve && self.is_clear() { 1.0 } else { 1.0 - 1.0 / self.times }
+    }
+
     /// Returns the warning of a clear excess.
     pub fn warning(&self) -> Option<String> {
         let Self { times, what } = self;
@@ -114,13 +120,15 @@ pub(crate) fn require_sizes(key: &str, list: &[f64], count: usize) -> Result<(),
 
 /// Returns the relative gap that a prediction is expected to have, with these outputs and RMS of their noise. The
 /// squares of three parts add up: the noise; the gap that the fitted records left beyond the noise, multiplied by the
-/// excess `times` of the input over them; and the share 1 - 1 / times of the effects' correction. `None` if an output
-/// is zero, because no gap can be relative to it.
+/// excess `times` of the input over them; and the share 1 - 1 / times of the effects' correction. If one of the effects
+/// is a curve without a law (`is_curve`), the whole correction counts where the excess is clear. `None` if an output is
+/// zero, because no gap can be relative to it.
 pub(crate) fn expected_gap(
     fitted: Option<&FittedRange>,
     noise_rms: &[f64],
     prediction: &Prediction,
     outputs: &[Vec<f64>],
+    is_curve: bool,
 ) -> Option<f64> {
     let sizes: Vec<f64> = outputs.iter().map(rms).collect();
     if sizes.contains(&0.0) {
@@ -128,7 +136,7 @@ pub(crate) fn expected_gap(
     }
     let times = prediction.beyond.as_ref().map_or(1.0, |beyond| beyond.times);
     let left = fitted.map_or(0.0, |fitted| times * fitted.unexplained);
-    let share = 1.0 - 1.0 / times;
+    let share = prediction.beyond.as_ref().map_or(0.0, |beyond| beyond.uncertain(is_curve));
     let extrapolated = |(correction, size): (&Vec<f64>, &f64)| (share * rms(correction) / size).powi(2);
     let extrapolated: f64 =
         prediction.correction.iter().zip(&sizes).map(extrapolated).sum::<f64>() / sizes.len() as f64;

@@ -7,6 +7,7 @@ use plid_report::Cell;
 use serde::{Deserialize, Serialize};
 
 use crate::answer::range::FittedRange;
+use crate::answer::statements::{expected, of_records, what_remains};
 use crate::case::Intersample;
 use crate::effects::Side;
 pub use crate::judge::family::Family;
@@ -164,6 +165,9 @@ pub struct Remainder {
     pub gap: f64,
     /// The gap of noise alone.
     pub noise: f64,
+    /// Whether `noise` is only declared or estimated, because no record shows the noise level.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub noise_unseen: bool,
     /// Remaining share of the squared gap as given, both beyond the noise.
     pub share_of_gap: f64,
     /// Probability that the remainder beyond the noise exceeds what the case calls material.
@@ -250,8 +254,8 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
-    /// Returns the answer as text: the sentence, each parameter with its interval, the changes of the simulation, and
-    /// the next experiment.
+    /// Returns the answer as text: the sentence, each parameter with its interval, the changes of the simulation, what
+    /// remains, how good a prediction will be, the use of the records, and the next experiment.
     pub fn text(&self) -> String {
         let mut text = format!("{}\n", self.sentence);
         for effect in &self.effects {
@@ -260,6 +264,10 @@ impl Diagnosis {
                 text += &format!("  in the simulation: {change}\n");
             }
         }
+        let Gap { predicted_held_out_gap, predicted_ci80, measured_on, measured_on_fitted, .. } = &self.gap;
+        text += &format!("{}\n", what_remains(&self.remainder, &self.settings.answer));
+        text += &format!("{}\n", expected(*predicted_held_out_gap, *predicted_ci80));
+        text += &format!("{}\n", of_records(measured_on, *measured_on_fitted));
         if let Some(next) = &self.next_experiment {
             text += &format!("next: {next}\n");
         }

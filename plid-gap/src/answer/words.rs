@@ -1,7 +1,7 @@
 //! The evidence in sentences.
 
-use crate::answer::motion;
 use crate::answer::schema::NamedEffect;
+use crate::answer::sensor_noise;
 use crate::effects::Place;
 use crate::evidence::Evidence;
 use crate::fit::candidate::{in_words, same};
@@ -12,26 +12,27 @@ use crate::judge::locate::Map;
 use crate::words::likelihood;
 use plid_report::percent;
 
-/// Returns the evidence, each item in one or two sentences. `named` are the effects of the answer. `class` is the most
-/// probable explanation, with the explanations that the records cannot separate from it.
+/// Returns the evidence, each item in one or two sentences. `motion` states the kinds of the outputs and the locations
+/// of forces. `named` are the effects of the answer. `class` is the most probable explanation, with the explanations
+/// that the records cannot separate from it.
 pub(crate) fn words(
     explained: &Explained,
     before: &Map,
     held_out: Option<HeldOut>,
     evidence: &Evidence,
+    motion: Vec<String>,
     (named, class): (&[NamedEffect], Option<(String, String)>),
 ) -> Vec<String> {
     let judge = &explained.ready.problem.settings.judge;
     let mut words = vec![costs(explained)];
-    words.extend(limits(explained));
-    words.extend(of_records(explained));
+    words.extend(limits(explained).into_iter().chain(of_records(explained, named)));
     words.extend(before.slope.map(|slope| {
         format!(
             "The relative gap is proportional to the level to the power {:+.1} ({:+.1} to {:+.1}).",
             slope.value, slope.ci95[0], slope.ci95[1]
         )
     }));
-    words.extend(motion::in_words(&explained.ready.problem.plant, &explained.ready.problem.setting.names));
+    words.extend(motion);
     let problem = &explained.ready.problem;
     words.extend(evidence.words(&problem.plant, !explained.fit().effects.is_empty(), &problem.settings));
     words.extend(explained.found.best.effects.iter().flat_map(|placed| of_effect(explained, placed)));
@@ -104,7 +105,8 @@ fn limits(explained: &Explained) -> Vec<String> {
     let imperfect = explained.ready.widened.map(|scale| {
         format!(
             "No explanation leaves only noise, so the residual of the best one is treated as an error of the \
-            simulation itself. Typical parameter errors are {scale:.1} times the limits that the case states."
+            simulation itself. The standard deviations of its parameters are taken to be {scale:.1} times those \
+            that the case states, which are half of its limits."
         )
     });
     let unpredicted = explained.unpredicted.as_ref().map(|noise| {
@@ -144,9 +146,11 @@ fn limits(explained: &Explained) -> Vec<String> {
     imperfect.into_iter().chain(unpredicted).chain(refused).collect()
 }
 
-/// States the findings from the noise of driven records and from raw values.
-fn of_records(explained: &Explained) -> Vec<String> {
+/// States the findings from the noise of the records and from raw values.
+fn of_records(explained: &Explained, named: &[NamedEffect]) -> Vec<String> {
     let ready = &explained.ready;
+    // A residual that counts as noise does not show the noise of the sensors.
+    let declared = if explained.unpredicted.is_none() { sensor_noise::in_words(ready, named) } else { Vec::new() };
     let random = explained.level.driven.map(|ratio| {
         format!(
             "The differences between the periods of driven records have {ratio:.2} times the power of the noise in \
@@ -164,7 +168,7 @@ fn of_records(explained: &Explained) -> Vec<String> {
             quantisation.step / 2.0
         )
     });
-    random.into_iter().chain(cut).collect()
+    random.into_iter().chain(declared).chain(cut).collect()
 }
 
 /// States the share of an effect's response that a refit could absorb, and any caveat on the name of the effect.

@@ -106,14 +106,20 @@ fn no_response(records: &[&Record], m: usize) -> Option<String> {
     })
 }
 
-/// States that no record shows the noise, and which noise is assumed.
+/// States that no record shows the noise, and which noise is assumed. In closed loop, the part of the error that the
+/// inputs do not explain is not the noise of the sensors alone.
 fn unknown_noise(case: &Case, model: &Model) -> String {
     let settings = &case.config.settings.prepare;
+    let share = 100.0 * settings.undeclared_noise;
     let source = if model.noise.sensor_std.is_some() {
         "it is taken as the simulation declares it".into()
-    } else {
-        let share = 100.0 * settings.undeclared_noise;
+    } else if case.controller.is_some() {
         format!("the simulation declares none, and {share:.0} % of each output is assumed")
+    } else {
+        format!(
+            "the simulation declares none, and the part of its error that the inputs do not explain is taken for \
+            noise, but at most {share:.0} % of each output"
+        )
     };
     format!(
         "No record shows the noise alone (one without input, or four periods, of {} samples): {source}.",
@@ -188,6 +194,6 @@ mod tests {
         let mut silent = truss(1);
         silent.noise.sensor_std = None;
         let found = check(&loud, &silent, &Library::standard(), &[]).unwrap().findings;
-        assert!(found[0].contains("1 % of each output"), "{found:?}");
+        assert!(found[0].contains("inputs do not explain") && found[0].contains("at most 1 % of each"), "{found:?}");
     }
 }

@@ -77,6 +77,12 @@ impl Record {
         self.y.iter().zip(simulated).map(one).collect()
     }
 
+    /// Returns measured minus simulated outputs (p channels); NaN where a sample is missing.
+    pub(crate) fn error_where_measured(&self, simulated: &[Vec<f64>]) -> Channels {
+        let one = |(y, s): (&Vec<f64>, &Vec<f64>)| y.iter().zip(s).map(|(y, s)| y - s).collect();
+        self.y.iter().zip(simulated).map(one).collect()
+    }
+
     /// Returns measured minus simulated values of one output, without the samples that are missing.
     pub(crate) fn measured_error<'r>(&'r self, output: usize, simulated: &'r [f64]) -> impl Iterator<Item = f64> + 'r {
         self.y[output].iter().zip(simulated).filter(|(y, _)| y.is_finite()).map(|(y, s)| y - s)

@@ -11,7 +11,7 @@ use crate::answer::words::{smaller, words};
 use crate::answer::{classes, comparisons, named, others, place, remainder};
 use crate::audit::Audit;
 use crate::case::record::Record;
-use crate::effects::Observation;
+use crate::effects::{Names, Observation};
 use crate::evidence::Evidence;
 use crate::fit::candidate::{in_words, same};
 use crate::fit::free_run::{errors, run};
@@ -67,8 +67,8 @@ impl<'f, 'a> Finding<'f, 'a> {
         Self { audit, explained, stochastic, judged, delay: WholeDelay::of(audit), maps, evidence }
     }
 
-    /// Returns the contents of diagnosis.json.
-    pub(super) fn diagnosis(&self, say: &mut dyn FnMut(String)) -> Diagnosis {
+    /// Returns the contents of diagnosis.json. `motion` states the kinds of the outputs and the locations of forces.
+    pub(super) fn diagnosis(&self, motion: Vec<String>, say: &mut dyn FnMut(String)) -> Diagnosis {
         let Explained { ready, found, .. } = self.explained;
         let Judgement { gaps, held_out, simulated, shown, weighted, verdict, .. } = &self.judged;
         let (names, best) = (&ready.problem.setting.names, &found.best.effects);
@@ -95,7 +95,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             .as_ref()
             .and_then(|predicted| next_experiment(self.explained, weighted, best, predicted, &rivals));
         let class = others(self.explained, &rivals).map(|others| (in_words(best, names), others));
-        let evidence = words(self.explained, before, *held_out, &self.evidence, (&effects, class));
+        let evidence = words(self.explained, before, *held_out, &self.evidence, motion, (&effects, class));
         Diagnosis {
             verdict: if delay.is_some() { Verdict::Effects } else { *verdict },
             sentence,
@@ -209,11 +209,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         let settings = &ready.problem.settings.answer;
         let remains = |_| remains(&self.maps[1], &names.outputs, beyond, gaps.as_given, settings);
         let remains = ready.widened.map(remains);
-        let of = |e: &NamedEffect| {
-            let found = shown.iter().find(|u| u.placed.effect.name() == e.effect);
-            found.map_or(Observation::FreeRun, |u| u.placed.effect.observed_in())
-        };
-        let observed: Vec<Observation> = effects.iter().map(of).collect();
+        let observed: Vec<Observation> = effects.iter().map(|effect| observed(effect, shown, names)).collect();
         let said = Said {
             effects,
             observed: &observed,
@@ -266,6 +262,13 @@ impl<'f, 'a> Finding<'f, 'a> {
     }
 }
 
+/// Returns the kind of observation in which a named effect appears. `shown` are the stochastic effects of the answer.
+fn observed(named: &NamedEffect, shown: &[&Stochastic], names: &Names) -> Observation {
+    let is = |placed: &Placed| placed.effect.name() == named.effect && placed.place.location(names) == named.location;
+    let found = shown.iter().find(|stochastic| is(&stochastic.placed));
+    found.map_or(Observation::FreeRun, |stochastic| stochastic.placed.effect.observed_in())
+}
+
 /// Joins explanations with the same effects, whose probabilities add up.
 fn joined(explanations: Vec<Explanation>) -> Vec<Explanation> {
     let is_part = |a: &Explanation, b: &Explanation| a.effects.iter().all(|effect| b.effects.contains(effect));
@@ -284,6 +287,29 @@ fn joined(explanations: Vec<Explanation>) -> Vec<Explanation> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::{Library, Place};
+
+    #[test]
+    fn an_effect_appears_where_it_was_found_at_its_own_place() {
+        let library = Library::standard();
+        let effect = library.get("sensor-noise").unwrap();
+        let placed = Placed { effect, place: Place::Output(0), parameters: vec![1.0] };
+        let stochastic = Stochastic { placed, std: vec![0.1], gain: 100.0 };
+        let names = Names { outputs: vec!["y1".into(), "y2".into()], ..Names::default() };
+        let at = |location: &str| NamedEffect {
+            effect: "sensor-noise".into(),
+            location: location.into(),
+            confidence: 0.9,
+            family: None,
+            share: None,
+            share_ci95: None,
+            parameters: Default::default(),
+            change: None,
+            shape_differs: false,
+        };
+        let of = |location: &str| observed(&at(location), &[&stochastic], &names);
+        assert_eq!([of("output:y1"), of("output:y2")], [Observation::SensorNoise, Observation::FreeRun]);
+    }
 
     #[test]
     fn explanations_with_the_same_effects_are_one() {

@@ -8,6 +8,7 @@ mod wiring;
 
 use std::cell::OnceCell;
 
+use crate::answer::motion;
 use crate::answer::schema::{Diagnosis, NamedEffect, SimulationWithEffects};
 use crate::audit::{Audit, Law, audit};
 use crate::case::Case;
@@ -192,7 +193,8 @@ fn finish(
     stochastic.retain(|stochastic| rules.knows(stochastic.placed.effect));
     let explained = explained.leave_to_noise(&stochastic, &rules, config.material);
     let finding = Finding::new(audit, &explained, &stochastic, &rules, say);
-    let diagnosis = finding.diagnosis(say);
+    let motion = motion::in_words(&explained.ready.problem.setting, ground.library, &rules);
+    let diagnosis = finding.diagnosis(motion, say);
     let given = ground.case.model.as_ref().or(audit.surrogate_model());
     let simulation = finding.simulation((model(audit)?, given.map_or_else(|| model(audit), Ok)?));
     let law = if audit.is_of_records(ground.case) { law(&explained) } else { None };

@@ -137,6 +137,12 @@ pub enum Action {
 }
 
 impl Action {
+    /// Returns whether a simulator that can only be run can be run with the action, because the action does not change
+    /// the modes of the plant.
+    pub fn suits_any_simulator(&self) -> bool {
+        !matches!(self, Self::Plant(_) | Self::Stiffness(_) | Self::Lag(..))
+    }
+
     /// Returns whether the action changes nothing before the sensors, so that a run without it suffices.
     pub fn is_on_sensors(&self) -> bool {
         matches!(self, Self::Sensor(_) | Self::Noise)

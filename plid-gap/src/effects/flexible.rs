@@ -78,6 +78,13 @@ impl Flexible {
         matches!(self, Self::Command | Self::Sensor)
     }
 
+    /// Returns whether an effect is a free shape that depends on the size of its signal. Nothing is known of such a
+    /// curve beyond the sizes that were fitted. Weights of earlier values and courses over time hold at any level.
+    pub(crate) fn is_curve(effect: &dyn Effect) -> bool {
+        let curves = [Self::Stiffness, Self::Damping, Self::Joint, Self::Command, Self::Hysteresis, Self::Sensor];
+        Self::named(effect.name()).is_some_and(|shape| curves.contains(shape))
+    }
+
     fn count(self) -> usize {
         match self {
             Self::Stiffness | Self::Sensor | Self::Command => 2 * KNOTS.len(),

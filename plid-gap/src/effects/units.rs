@@ -38,8 +38,9 @@ impl Units {
     }
 
     /// Returns the unit of the displacement that an output shows: the output's own unit, times s for each derivative.
+    /// `None` if the output measures no motion.
     fn displacement(&self, plant: &Plant, o: usize) -> Option<Unit> {
-        Some(self.output(o)?.times(&Unit::read("s"), plant.sensed.get(o)?.order))
+        Some(self.output(o)?.times(&Unit::read("s"), plant.sensed.get(o)?.order()?))
     }
 
     fn at_port(&self, plant: &Plant, port: usize) -> AtPort {

@@ -46,7 +46,7 @@ impl Evidence {
             None => Tracks::of(&problem.plant, &problem.records, &noise.rms(), settings),
         };
         Self {
-            repeats: repetition::repeats(records, |k| records[k].error(&with(&records[k]))),
+            repeats: repetition::repeats(records, |k| with(&records[k])),
             tracks,
             resonances: each_alone(problem, refitted, noise),
             lines: Lines::of(records, refitted.rate, linear, with, settings),

@@ -10,6 +10,7 @@ use crate::answer::range::FittedRange;
 use crate::answer::schema::{
     Bound, Change, Explanation, Located, NamedEffect, Remainder, Used, Value, Where, WrittenEffect,
 };
+use crate::answer::statements::{expected, what_remains};
 use crate::case::FmuSource;
 use crate::fit::candidate::{in_words, joined};
 use crate::fit::problem::Placed;
@@ -276,11 +277,18 @@ fn capital(text: &str) -> String {
 }
 
 impl LoopDiagnosis {
-    /// Returns the answer as text: the sentence, then each parameter with its interval.
+    /// Returns the answer as text: the sentence, each parameter with its interval, what remains, and how good a
+    /// prediction will be.
     pub fn text(&self) -> String {
         let lines: String = self.effects.iter().map(NamedEffect::lines).collect();
         let Used { name, runs, seconds, ended_by, .. } = &self.simulator;
         let cut = ended_by.map(|by| format!("; {} ended the search early", bound(by, &self.settings.in_loop)));
-        format!("{}\n{lines}  {runs} runs of {name} in {seconds:.1} s{}\n", self.sentence, cut.unwrap_or_default())
+        format!(
+            "{}\n{lines}{}\n{}\n  {runs} runs of {name} in {seconds:.1} s{}\n",
+            self.sentence,
+            what_remains(&self.remainder, &self.settings.answer),
+            expected(self.gap.predicted_held_out_gap, self.gap.predicted_ci80),
+            cut.unwrap_or_default()
+        )
     }
 }

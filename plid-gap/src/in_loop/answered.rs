@@ -138,8 +138,8 @@ impl Answered {
                 Predictor::new(written, library, Path::new("the diagnosis"))?.predict(u, t0)
             }
             Self::InLoop(outcome) => {
-                let predictor = LoopPredictor::new(outcome.simulation.clone()).map_err(GapError::Failed)?;
-                predictor.predict(simulator, library, u, t0)
+                let predictor = LoopPredictor::new(outcome.simulation.clone(), library).map_err(GapError::Failed)?;
+                predictor.predict(simulator, u, t0)
             }
         }
     }

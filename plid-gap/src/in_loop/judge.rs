@@ -51,9 +51,13 @@ fn over_time(problem: &Problem, better: &Fit, worse: &Fit) -> f64 {
     let errors = |fit: &Fit| -> Vec<Channels> {
         problem.records.iter().zip(&fit.simulated).map(|(record, y)| record.error(y)).collect()
     };
-    let (better, worse) = (errors(better), errors(worse));
-    let scale = |o: usize| rms(better.iter().flat_map(|error| &error[o])).max(f64::MIN_POSITIVE);
+    let measured = |o: usize| {
+        problem.records.iter().zip(&better.simulated).flat_map(move |(record, y)| record.measured_error(o, &y[o]))
+    };
+    let scale = |o: usize| rms(measured(o)).max(f64::MIN_POSITIVE);
     let scales: Vec<f64> = (0..problem.setting.plant.p).map(scale).collect();
+    // A missing sample speaks for neither.
+    let (better, worse) = (errors(better), errors(worse));
     let mut each = Vec::new();
     for (better, worse) in better.iter().zip(&worse) {
         let samples = better[0].len();
@@ -169,4 +173,33 @@ pub(super) fn confidence(weighted: &[Weighted], placed: &Placed) -> f64 {
 /// Returns whether a place is a parameter of the simulator.
 pub(super) fn is_parameter(place: &Place) -> bool {
     matches!(place, Place::Parameter(_))
+}
+
+#[cfg(test)]
+mod tests {
+    use plid_simulator::{Description, Input, Output};
+
+    use super::*;
+    use crate::in_loop::survey::bare;
+    use crate::testing::{random_input, record};
+
+    /// If every second sample is missing, the comparison is that of the others alone.
+    #[test]
+    fn missing_samples_speak_for_no_explanation() {
+        let description = Description::new("s", 100.0, vec![Input::new("u")], vec![Output::new("y")]);
+        let noise = random_input(2, 2 * 8 * GROUPS, 2);
+        let z = |part: &dyn Fn(&[f64]) -> Vec<f64>, y: Vec<f64>| {
+            let simulated =
+                |share: f64| -> Vec<Channels> { vec![vec![part(&noise[1]).iter().map(|x| share * x).collect()]] };
+            let record = record(vec![part(&noise[0])], vec![y]);
+            let setting = bare(&description, &[]).unwrap();
+            let problem = Problem::new(vec![record], &simulated(0.3), setting, &[0.1], None);
+            let [better, worse] = [0.3, 0.6].map(|share| problem.as_is(Vec::new(), Vec::new(), simulated(share)));
+            over_time(&problem, &better, &worse)
+        };
+        let every_second = |x: &[f64]| -> Vec<f64> { x.iter().step_by(2).copied().collect() };
+        let gappy = noise[0].iter().enumerate().map(|(k, y)| if k % 2 == 0 { *y } else { f64::NAN }).collect();
+        let (with_gaps, alone) = (z(&|x| x.to_vec(), gappy), z(&every_second, every_second(&noise[0])));
+        assert!((with_gaps / alone - 1.0).abs() < 1e-9, "{with_gaps}, alone {alone}");
+    }
 }

@@ -25,7 +25,7 @@ impl Noise {
 /// Estimates the noise from records without input and from the differences between periods, or otherwise from the
 /// highest frequencies of the gap, which give an upper bound.
 pub(super) fn estimate(records: &[Record], given: &[Channels]) -> Noise {
-    let errors: Vec<Channels> = records.iter().zip(given).map(|(record, y)| record.error(y)).collect();
+    let errors: Vec<Channels> = records.iter().zip(given).map(|(record, y)| record.error_where_measured(y)).collect();
     let p = records.first().map_or(0, |record| record.y.len());
     let of = |o: usize| -> (f64, bool) {
         let mut squares = (0.0, 0.0);
@@ -48,34 +48,56 @@ pub(super) fn estimate(records: &[Record], given: &[Channels]) -> Noise {
     }
 }
 
-/// Returns the sum of squares of the signal that no command explains, and its degrees of freedom.
+/// Returns the sum of squares of the signal that no command explains, and its degrees of freedom. Missing samples (NaN)
+/// are left out.
 fn quiet(record: &Record, error: &[f64]) -> (f64, f64) {
     match record.excitation {
         Excitation::Zero => {
-            let mean = error.iter().sum::<f64>() / error.len().max(1) as f64;
-            (error.iter().map(|e| (e - mean).powi(2)).sum(), error.len() as f64 - 1.0)
+            let there: Vec<f64> = error.iter().copied().filter(|e| e.is_finite()).collect();
+            let mean = there.iter().sum::<f64>() / there.len().max(1) as f64;
+            (there.iter().map(|e| (e - mean).powi(2)).sum(), (there.len() as f64 - 1.0).max(0.0))
         }
         Excitation::Periodic(period) if error.len() >= 3 * period => {
             // The first period contains a transient.
-            let pairs = period..error.len() - period;
-            let sum: f64 = pairs.clone().map(|k| 0.5 * (error[k + period] - error[k]).powi(2)).sum();
-            (sum, pairs.len() as f64)
+            let differences = (period..error.len() - period).map(|k| error[k + period] - error[k]);
+            let there = differences.filter(|difference| difference.is_finite());
+            there.fold((0.0, 0.0), |(sum, count), difference| (sum + 0.5 * difference.powi(2), count + 1.0))
         }
         _ => (0.0, 0.0),
     }
 }
 
-/// Returns the standard deviation of white noise that has the power of the upper end of the band.
+/// Returns the standard deviation of white noise that has the power of the upper end of the band; NaN if all samples
+/// are missing.
 fn upper(error: &[f64]) -> f64 {
     let length = plid_fourier::good_length_below(error.len());
     // Hann's window keeps the low frequencies out of the upper end.
     let window = |k: usize| (std::f64::consts::PI * (k as f64 + 0.5) / length as f64).sin().powi(2);
-    let tapered: Vec<f64> = error[..length].iter().enumerate().map(|(k, e)| e * window(k)).collect();
+    let error = &error[..length];
+    let tapered: Vec<f64> = bridged(error).iter().enumerate().map(|(k, e)| e * window(k)).collect();
     let bins = plid_fourier::forward(&tapered);
     let from = ((1.0 - UPPER) * bins.len() as f64) as usize;
     let power = bins[from..].iter().map(|z| z.norm_sqr()).sum::<f64>() / (bins.len() - from).max(1) as f64;
-    // The squares of the window have a mean of 3/8.
-    (power / (0.375 * length as f64)).sqrt()
+    // A line across missing samples has no power there.
+    let measured: f64 = (0..length).filter(|&k| error[k].is_finite()).map(|k| window(k).powi(2)).sum();
+    (power / measured).sqrt()
+}
+
+/// Returns a channel in which missing samples (NaN) lie on a straight line between their neighbours, so that the ends
+/// of a gap are no steps.
+fn bridged(x: &[f64]) -> Vec<f64> {
+    let there: Vec<usize> = (0..x.len()).filter(|&k| x[k].is_finite()).collect();
+    let mut bridged = x.to_vec();
+    for ends in there.windows(2) {
+        let [from, to] = [ends[0], ends[1]];
+        let slope = (x[to] - x[from]) / (to - from) as f64;
+        (from + 1..to).for_each(|k| bridged[k] = x[from] + slope * (k - from) as f64);
+    }
+    if let (Some(&first), Some(&last)) = (there.first(), there.last()) {
+        bridged[..first].fill(x[first]);
+        bridged[last..].fill(x[last]);
+    }
+    bridged
 }
 
 #[cfg(test)]
@@ -95,8 +117,14 @@ mod tests {
         let periodic = Record { excitation: Excitation::Periodic(500), ..record(u.clone(), y(&repeats)) };
         let random = record(u, y(&slow));
         for (record, seen) in [(quiet, true), (periodic, true), (random, false)] {
-            let found = estimate(&[record], &zero);
-            assert!((found.std[0] / 0.1 - 1.0).abs() < 0.06 && found.seen == seen, "{:?}", found.std);
+            // Missing samples change nothing. The slow signal vanishes at both ends of the first gap, but not of the
+            // second one.
+            for gap in [0..0, 2827..3456, 2700..2900] {
+                let mut record = record.clone();
+                record.y[0][gap.clone()].fill(f64::NAN);
+                let found = estimate(&[record], &zero);
+                assert!((found.std[0] / 0.1 - 1.0).abs() < 0.06 && found.seen == seen, "{gap:?}: {:?}", found.std);
+            }
         }
     }
 }

@@ -116,9 +116,10 @@ impl<'a> Opened<'_, 'a> {
         Remainder {
             gap: gap.with_effect,
             noise: gap.noise_floor,
+            noise_unseen: !self.noise.seen,
             share_of_gap: share.min(1.0),
             further_cause: further,
-            repeats: repeats(&measured.records, |k| measured.records[k].error(&measured.with[k])),
+            repeats: repeats(&measured.records, |k| measured.with[k].clone()),
             place: RemainderPlace { channels: after.channels, bands_hz: after.bands_hz },
             nearest: distinct(entries).take(MOST_NEAREST).map(|placed| located(placed, names)).collect(),
         }

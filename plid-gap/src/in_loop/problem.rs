@@ -101,10 +101,8 @@ impl<'a> Problem<'a> {
     /// these runs. The spectrum of the residual is not used, because the residual still contains the effects that are
     /// searched for, and its spectrum would conceal them.
     pub fn weigh_for_search(&mut self, noise: &[f64], simulated: &[Channels]) {
-        let gap = |o: usize| {
-            let errors = self.records.iter().zip(simulated).flat_map(|(record, y)| record.error(y)[o].clone());
-            rms(errors.collect::<Vec<f64>>())
-        };
+        let gap =
+            |o: usize| rms(self.records.iter().zip(simulated).flat_map(|(record, y)| record.measured_error(o, &y[o])));
         let std: Vec<f64> =
             noise.iter().enumerate().map(|(o, noise)| noise.hypot(FIRST_DISCREPANCY * gap(o))).collect();
         self.be_white(&std);
@@ -298,5 +296,26 @@ impl<'a> Problem<'a> {
             left.iter_mut().zip(trace(k)).for_each(|(left, trace)| *left -= size * trace);
         }
         left
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plid_simulator::{Description, Input, Output};
+
+    use super::*;
+    use crate::in_loop::survey::bare;
+    use crate::testing::{random_input, record};
+
+    /// The share of the gap by which the records are weighted at first is that of the samples that were measured.
+    #[test]
+    fn missing_samples_are_no_part_of_the_gap() {
+        let description = Description::new("s", 100.0, vec![Input::new("u")], vec![Output::new("y")]);
+        let y = (0..400).map(|k| if k < 200 { 2.0 } else { f64::NAN }).collect();
+        let record = record(random_input(1, 400, 1), vec![y]);
+        let setting = bare(&description, &[]).unwrap();
+        let problem = Problem::new(vec![record], &[vec![vec![0.0; 400]]], setting, &[1e-9], None);
+        let std = problem.noise.rms()[0];
+        assert!((std / (2.0 * FIRST_DISCREPANCY) - 1.0).abs() < 1e-6, "{std}");
     }
 }

@@ -5,12 +5,16 @@ use std::path::Path;
 use plid_data::config::to_toml;
 use plid_report::{Bar, Bars, Cell, Report, Table, bars, percent};
 
+use crate::answer::schema::Remainder;
+use crate::answer::statements::what_remains;
 use crate::case::Case;
 use crate::error::GapError;
+use crate::in_loop::answer::LoopDiagnosis;
 use crate::in_loop::{LoopOutcome, Shown};
 use crate::judge::verdict::Verdict;
 use crate::report::traces::{Traces, spectra, window};
 use crate::report::write_answer;
+use crate::words::band;
 
 /// Writes diagnosis.json, sim-with-effect.json and report.html into a folder, either all three or none.
 ///
@@ -39,6 +43,7 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
         format!("The gap on {}, relative to the output. All outputs have equal weight.", gap.measured_on.join(", ")),
     );
     report = traces_section(report, shown);
+    report = remainder_section(report, diagnosis);
     report = report.heading("The explanations that were tried");
     let mut fits = Table::new("Explanations that were fitted with the simulator, best first")
         .column("explanation", "")
@@ -114,6 +119,25 @@ fn traces_section(mut report: Report, shown: &Shown) -> Report {
         }
     }
     report
+}
+
+/// Adds the section on what remains.
+fn remainder_section(report: Report, diagnosis: &LoopDiagnosis) -> Report {
+    let Remainder { place, .. } = &diagnosis.remainder;
+    let report =
+        report.heading("What remains").paragraph(what_remains(&diagnosis.remainder, &diagnosis.settings.answer));
+    let outputs = place.channels.iter().map(|(name, share)| (name.clone(), *share));
+    let bands = place.bands_hz.iter().map(|[from, to, share]| (band(*from, *to), *share));
+    let bar = |(name, share)| Bar { name, value: 100.0 * share, text: percent(share), ..Bar::default() };
+    let shares: Vec<Bar> = outputs.chain(bands).filter(|(_, share)| *share > 0.0).map(bar).collect();
+    if shares.is_empty() {
+        return report;
+    }
+    let label = "share of the remaining squared gap beyond the noise, %".into();
+    report.figure(
+        bars(&Bars { bars: shares, label, reference: None }),
+        "Share of what remains by output and by frequency band (largest only).",
+    )
 }
 
 /// Adds the table of named effects and parameters.

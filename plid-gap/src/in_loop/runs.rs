@@ -332,10 +332,11 @@ impl<'s> Runs<'s> {
         let y = self.simulator.run_with(&prepared.values, &u, |step, motions, applied| {
             forces(step, motions, applied);
             see(step, motions, applied);
-        })?;
+        });
         drop(forces);
-        self.count(prepared.record.samples(), began);
-        Ok(y)
+        // A run that fails takes time, too.
+        self.count(y.as_ref().map_or(0, |_| prepared.record.samples()), began);
+        y
     }
 
     /// Returns the outputs of several runs, each of a record with effects. The runs are carried out in parallel if
@@ -489,6 +490,29 @@ pub(super) fn regrouped(drive: &Drive, values: usize) -> Channels {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::Place;
+    use crate::in_loop::parameter::SimulatorParameter;
+    use crate::in_loop::survey::bare;
+    use crate::testing::arm::Arm;
+    use crate::testing::record;
+
+    /// A run that fails step by step counts towards the bounds: without its inertia, the link has no finite motion.
+    #[test]
+    fn a_run_that_fails_is_counted() {
+        let mut arm = Arm::new();
+        let checked = Checked::new(&mut arm).unwrap();
+        let responses = vec![Response { mobility: 0.025, weight: 0.5, step: 1.0 / 800.0 }; 2];
+        let setting = bare(checked.description(), &responses).unwrap();
+        let parameters = SimulatorParameter::all(&checked.description().parameters);
+        let place = Place::Parameter(0);
+        let light = [Placed { effect: &parameters[0], place, parameters: vec![0.0] }];
+        let mut runs = Runs::new(checked, responses);
+        let record = record(vec![vec![1.0; 20]], vec![vec![0.0; 20]; 2]);
+        let failure = runs.simulate_with_motion(&setting, &light, &record).unwrap_err().to_string();
+        assert!(failure.contains("run 1"), "{failure}");
+        let Spent { runs: count, seconds, timed } = runs.spent();
+        assert!(count == 1 && seconds > 0.0 && timed == (0, seconds), "{:?}", runs.spent());
+    }
 
     #[test]
     fn a_command_is_averaged_over_each_value() {

@@ -33,8 +33,7 @@ pub(super) const STRETCHED: [f64; 2] = [0.2, 5.0];
 /// Returns whether an external simulator can be run with an effect.
 fn possible(effect: &dyn Effect, placed: &Placed, problem: &Problem) -> bool {
     let actions = effect.act(&problem.setting, &placed.place, &placed.parameters);
-    !actions.is_empty()
-        && actions.iter().all(|action| !matches!(action, Action::Plant(_) | Action::Stiffness(_) | Action::Noise))
+    !actions.is_empty() && actions.iter().all(|action| action.suits_any_simulator() && !matches!(action, Action::Noise))
 }
 
 impl<'a> Search<'_, 'a> {

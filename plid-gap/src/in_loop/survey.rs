@@ -106,11 +106,15 @@ pub(super) fn units(description: &Description, config: &CaseConfig) -> Units {
     }
 }
 
-/// Returns the channels, places and parameters of a simulator without the sizes of the signals, for a prediction.
+/// Returns the channels, places and parameters of a simulator without the sizes of the signals, for a prediction. The
+/// stiffness at a port is not known then, and is one, so that an effect may act where only a held port has a place for
+/// it.
 pub(super) fn bare(description: &Description, responses: &[Response]) -> Result<Setting, GapError> {
     let mobilities: Vec<f64> = responses.iter().map(|response| response.mobility).collect();
     let step = responses.first().map_or(1.0, |response| response.step);
-    of_model(description, &stand_in(description, &mobilities, step))
+    let mut setting = of_model(description, &stand_in(description, &mobilities, step))?;
+    setting.stiffness.fill(1.0);
+    Ok(setting)
 }
 
 fn of_model(description: &Description, model: &Model) -> Result<Setting, GapError> {

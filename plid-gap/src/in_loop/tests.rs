@@ -150,8 +150,9 @@ fn a_parameter_within_its_limit_is_no_cause() {
     let closed = diagnosed(&limited);
     assert_eq!(closed.diagnosis.verdict, Verdict::None, "{}", closed.diagnosis.sentence);
     // The limit belongs to the case and is not known to the simulator that predicts.
-    let predictor = LoopPredictor::new(closed.simulation).unwrap();
-    predictor.predict(&mut Arm::new(), &Library::standard(), &limited.records[0].u, 0.0).unwrap();
+    let library = Library::standard();
+    let predictor = LoopPredictor::new(closed.simulation, &library).unwrap();
+    predictor.predict(&mut Arm::new(), &limited.records[0].u, 0.0).unwrap();
     let [from, to, z] = closed.diagnosis.refit["parameter:motor damper"];
     assert!((to / numbers.damper - 1.0).abs() < 0.02 && from == NOMINAL.damper && z < 1.0, "{to}, {z}");
 }
@@ -254,11 +255,12 @@ fn the_expected_gap_grows_beyond_what_was_fitted() {
     let case = case(&NOMINAL, |x, _, _| [0.0, -6.0 * x[1].powi(3), 0.0], same, as_it_is);
     let outcome = diagnosed(&case);
     let loud = &case.records[1].u[0];
-    let predictor = LoopPredictor::new(outcome.simulation.clone()).unwrap();
+    let library = Library::standard();
+    let predictor = LoopPredictor::new(outcome.simulation.clone(), &library).unwrap();
     let predicted = |predictor: &LoopPredictor, level: f64| {
         let u = vec![loud.iter().map(|u| level * u).collect::<Vec<f64>>()];
         let mut arm = Arm::new();
-        let prediction = predictor.predict(&mut arm, &Library::standard(), &u, 0.0).unwrap();
+        let prediction = predictor.predict(&mut arm, &u, 0.0).unwrap();
         let gap = predictor.expected_gap(&prediction).unwrap();
         (gap, prediction.beyond, arm.runs)
     };
@@ -281,10 +283,10 @@ fn the_expected_gap_grows_beyond_what_was_fitted() {
     let peaks = &mut still.fitted.as_mut().unwrap().displacement_peak;
     assert!(peaks.len() == 2 && peaks.iter().all(|peak| *peak > 0.0), "{peaks:?}");
     peaks.iter_mut().for_each(|peak| *peak *= 0.25);
-    let beyond = predicted(&LoopPredictor::new(still).unwrap(), 0.9).1.unwrap();
+    let beyond = predicted(&LoopPredictor::new(still, &library).unwrap(), 0.9).1.unwrap();
     assert!(beyond.what.starts_with("motion at `") && beyond.times > 2.0, "{beyond:?}");
     // A file of an earlier version has no range.
-    let old = LoopPredictor::new(SimulatorWithEffects { fitted: None, ..outcome.simulation }).unwrap();
+    let old = LoopPredictor::new(SimulatorWithEffects { fitted: None, ..outcome.simulation }, &library).unwrap();
     assert_eq!([1.0, 8.0].map(|level| predicted(&old, level).0), [stated; 2]);
 }
 
@@ -296,7 +298,7 @@ fn a_range_that_is_impossible_is_refused() {
     let refused = |change: fn(&mut SimulatorWithEffects)| {
         let mut bad = good.clone();
         change(&mut bad);
-        LoopPredictor::new(bad).err().unwrap()
+        LoopPredictor::new(bad, &Library::standard()).err().unwrap()
     };
     let short = refused(|bad| bad.fitted.as_mut().unwrap().displacement_peak.truncate(1));
     assert!(short.contains("`fitted.displacement_peak` must contain 2"), "{short}");
@@ -315,9 +317,10 @@ fn the_answer_predicts_what_it_has_not_seen() {
         let outcome = diagnosed(&case);
         let folder = tempfile::tempdir().unwrap();
         report::write(&outcome, &case, folder.path()).unwrap();
-        let predictor = LoopPredictor::read(&folder.path().join("sim-with-effect.json")).unwrap();
+        let library = Library::standard();
+        let predictor = LoopPredictor::read(&folder.path().join("sim-with-effect.json"), &library).unwrap();
         let fresh = &case.records[2];
-        let y = predictor.predict(&mut Arm::new(), &Library::standard(), &fresh.u, fresh.start_s).unwrap();
+        let y = predictor.predict(&mut Arm::new(), &fresh.u, fresh.start_s).unwrap();
         let gap = Blocks::new(&fresh.y, &y.outputs, 0).gap();
         assert!(gap < 1.5 * outcome.diagnosis.gap.noise_floor, "{gap}");
         assert!(std::fs::read_to_string(folder.path().join("report.html")).unwrap().contains("<svg"));
@@ -325,7 +328,7 @@ fn the_answer_predicts_what_it_has_not_seen() {
         let output = plid_simulator::Output::new("y");
         let description = Description::new("other", 200.0, Vec::new(), vec![output]);
         let mut other = plid_simulator::Function::new(description, |_: &[f64], _: &[Vec<f64>]| Ok(Vec::new()));
-        let message = predictor.predict(&mut other, &Library::standard(), &fresh.u, 0.0).unwrap_err().to_string();
+        let message = predictor.predict(&mut other, &fresh.u, 0.0).unwrap_err().to_string();
         assert!(message.contains("other inputs"), "{message}");
     }
 }

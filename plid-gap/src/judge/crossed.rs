@@ -1,16 +1,20 @@
 //! The reliability of predictions: free runs of each fitted record by a model that was fitted to the others.
 
 use crate::case::record::{Channels, Record};
+use crate::effects::Flexible;
 use crate::fit::free_run::outputs;
 use crate::fit::free_run::run;
 use crate::fit::problem::{Effort, Fit, Problem};
-use crate::judge::gap::{self, Blocks};
+use crate::judge::gap::{self, Blocks, Reach};
 use crate::noise::whiten::Whitener;
 use crate::settings::JudgeSettings;
 use crate::simulate::Fineness;
 
 /// The effort of a fit that starts from the fit to all records.
 const FROM_ALL: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
+
+/// Number of standard deviations within which 80 % of a normal variable lie.
+const EIGHTY: f64 = 1.28;
 
 /// An expected gap with its interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +28,22 @@ pub struct Stated {
 impl Stated {
     fn new(gap: f64, scatter: Scatter) -> Self {
         let reach = scatter.reach();
+        Self { gap, ci80: [gap / reach, gap * reach] }
+    }
+
+    /// Returns the gap with a wider interval if parts of it differ from record to record. Each part has a squared gap
+    /// and its relative variance. The parts are independent, so the variances of squared gaps add, and the sum is
+    /// taken as log-normal.
+    pub fn with_parts(self, parts: impl Iterator<Item = (f64, f64)>) -> Self {
+        let Self { gap, ci80: [_, high] } = self;
+        let share = |squared: f64| (squared / (gap * gap)).min(1.0);
+        let added: f64 = parts.map(|(squared, variance)| share(squared).powi(2) * variance).sum();
+        if !(added > 0.0 && gap > 0.0) {
+            return self;
+        }
+        // If a gap has the logarithmic standard deviation s, its square has the relative variance exp(4 s^2) - 1.
+        let std = (high / gap).ln() / EIGHTY;
+        let reach = (EIGHTY * ((4.0 * std * std).exp() + added).ln().sqrt() / 2.0).exp();
         Self { gap, ci80: [gap / reach, gap * reach] }
     }
 }
@@ -48,8 +68,7 @@ impl Scatter {
     /// uncertainty of the mean over the records.
     fn reach(self) -> f64 {
         let Self { records, prior, square } = self;
-        // 80 % of a normal variable lie within 1.28 standard deviations.
-        (1.28 * (square / (records + prior) * (1.0 + 1.0 / records.max(1.0))).sqrt()).exp()
+        (EIGHTY * (square / (records + prior) * (1.0 + 1.0 / records.max(1.0))).sqrt()).exp()
     }
 }
 
@@ -68,6 +87,8 @@ pub struct Crossed<'p> {
     records: &'p [Record],
     simulated: Vec<Channels>,
     scatter: Scatter,
+    /// The reach of a free shape, if one predicts.
+    reach: Option<Reach>,
 }
 
 impl<'p> Crossed<'p> {
@@ -78,6 +99,7 @@ impl<'p> Crossed<'p> {
         let records = &problem.records;
         let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].is_driven()).collect();
         let mut simulated = outputs(problem, &fit.eta, &fit.effects);
+        let reach = reach(problem, fit, &simulated);
         let same_level = problem.settings.case.same_level;
         for &k in &driven {
             let as_loud = |other: &&usize| **other != k && same_level * records[**other].level() > records[k].level();
@@ -101,27 +123,38 @@ impl<'p> Crossed<'p> {
         let square: f64 = driven.iter().map(off).filter(|x| x.is_finite()).map(|x| x * x).sum();
         let JudgeSettings { prediction_scatter, prediction_records: prior, .. } = problem.settings.judge;
         let square = square + prediction_scatter * prediction_scatter * prior;
-        Self { records, simulated, scatter: Scatter { records: driven.len() as f64, prior, square } }
+        let scatter = Scatter { records: driven.len() as f64, prior, square };
+        Self { records, simulated, scatter, reach }
     }
 
     /// Returns the gap to expect on a record of a level.
     pub fn at(&self, level: f64) -> Stated {
-        Stated::new(gap::expected(self.records, &self.simulated, level), self.scatter)
+        Stated::new(gap::expected_within(self.records, &self.simulated, self.reach, level), self.scatter)
     }
 
     /// Returns the gap to expect on a record of a level, given that the model of all fitted records left the gap
     /// `left` on held-out records. The models behind `at` are fitted to fewer records than the answer, so their gap
     /// is too large if each record contains information that the others lack. The held-out records show by how much.
+    /// Beyond the reach of a free shape, the whole correction is uncertain, and a gap that is smaller than that says
+    /// nothing about lower levels.
     pub fn in_view_of(&self, held_out: &[Record], left: f64, level: f64) -> Stated {
         let samples: usize = held_out.iter().map(Record::samples).sum();
         let square = |record: &Record| record.samples() as f64 * record.level().powi(2);
         let held_out = (held_out.iter().map(square).sum::<f64>() / samples.max(1) as f64).sqrt();
         let (stated, ratio) = (self.at(level), left / self.at(held_out).gap);
-        if !(ratio.is_finite() && ratio > 0.0) {
+        let unreached = self.reach.is_some_and(|reach| held_out > reach.level);
+        if !(ratio.is_finite() && ratio > 0.0) || unreached && ratio < 1.0 {
             return stated;
         }
         Stated::new(ratio * stated.gap, self.scatter.with(ratio.ln()))
     }
+}
+
+/// Returns the reach of a fit, if one of its effects is a curve without a law. `simulated` are its free runs.
+fn reach(problem: &Problem, fit: &Fit, simulated: &[Channels]) -> Option<Reach> {
+    let same_level = problem.settings.case.same_level;
+    let is_curve = fit.effects.iter().any(|placed| Flexible::is_curve(placed.effect));
+    is_curve.then(|| Reach::of(&problem.records, simulated, &outputs(problem, &fit.eta, &[]), same_level))
 }
 
 /// Returns the free run of a record by the model that is fitted to the other records.
@@ -163,6 +196,11 @@ fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: &impl Fn(&Record) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::{Effect, Place};
+    use crate::fit::problem::Placed;
+    use crate::fit::refit::refit;
+    use crate::prepare::{Known, prepare};
+    use crate::testing;
 
     /// If quieter held-out records leave half of the gap that was expected of them, the same is expected of a loud one.
     #[test]
@@ -176,7 +214,7 @@ mod tests {
         // The error has the same size in both records, so it is relatively a fifth as large in the louder one.
         let ((loud, a), (quiet, b)) = (record(1.0, 0.1), record(0.2, 0.1));
         let scatter = Scatter { records: 2.0, prior: 4.0, square: 4.0 * 0.12_f64.powi(2) };
-        let crossed = Crossed { records: &[loud.clone(), quiet.clone()], simulated: vec![a, b], scatter };
+        let crossed = Crossed { records: &[loud.clone(), quiet.clone()], simulated: vec![a, b], scatter, reach: None };
         let before = crossed.at(loud.level());
         assert!((before.gap - 0.1).abs() < 0.01, "{before:?}");
         let expected = crossed.at(quiet.level()).gap;
@@ -185,5 +223,49 @@ mod tests {
         assert!((stated.gap / before.gap - 0.5).abs() < 1e-12, "{stated:?}");
         // This deviation is so large that the interval becomes wider.
         assert!(stated.ci80[1] / stated.gap > before.ci80[1] / before.gap, "{stated:?} {before:?}");
+    }
+
+    /// A louder held-out record, which a curve without a law does not reach, leaves less than the whole correction.
+    /// That says nothing about the fitted level. If it leaves more, the stated gap grows.
+    #[test]
+    fn what_a_curve_leaves_beyond_its_reach_does_not_narrow_the_stated_gap() {
+        let [u, error] = [1, 2].map(|seed| testing::random_input(seed, 4000, 1).remove(0));
+        let record = |level: f64| {
+            let u: Vec<f64> = u.iter().map(|u| level * u).collect();
+            let y = u.iter().zip(&error).map(|(u, e)| u + 0.1 * level * e).collect();
+            (testing::record(vec![u.clone()], vec![y]), vec![u])
+        };
+        let ((fitted, simulated), (louder, _)) = (record(1.0), record(3.0));
+        let scatter = Scatter { records: 1.0, prior: 4.0, square: 4.0 * 0.12_f64.powi(2) };
+        let reach = Some(Reach { level: 1.15 * fitted.level(), correction: 0.3 });
+        let records = [fitted.clone()];
+        let crossed = |reach| Crossed { records: &records, simulated: vec![simulated.clone()], scatter, reach };
+        let (curve, law) = (crossed(reach), crossed(None));
+        let level = fitted.level();
+        assert!(curve.at(louder.level()).gap > 0.3);
+        assert_eq!(curve.at(level), law.at(level));
+        let held_out = [louder];
+        assert_eq!(curve.in_view_of(&held_out, 0.01, level), curve.at(level));
+        assert!(law.in_view_of(&held_out, 0.01, level).gap < 0.5 * law.at(level).gap);
+        assert!(curve.in_view_of(&held_out, 0.6, level).gap > 1.5 * curve.at(level).gap);
+        // Within the reach, a curve is as good as a law.
+        assert_eq!(curve.in_view_of(&records, 0.02, level), law.in_view_of(&records, 0.02, level));
+    }
+
+    /// A fit with a free curve has a reach. The weights of a free path hold at any level.
+    #[test]
+    fn a_free_curve_has_a_reach() {
+        let model = testing::truss(1);
+        let case = testing::case(&model, &model);
+        let problem = prepare(&model, &case.records, &Known::default()).unwrap().problem;
+        for (shape, is_curve) in [(Flexible::Sensor, true), (Flexible::SensorPath, false)] {
+            let place = Place::Output(0);
+            let mut parameters = shape.starts(&problem.setting, &place).remove(0);
+            parameters[0] = 0.1;
+            let effects = vec![Placed { effect: &shape, place, parameters }];
+            let fit = Fit { effects, ..refit(&problem, 0).as_fit() };
+            let reach = reach(&problem, &fit, &outputs(&problem, &fit.eta, &fit.effects));
+            assert_eq!(reach.is_some_and(|reach| reach.correction > 0.0), is_curve, "{}", shape.name());
+        }
     }
 }

@@ -160,6 +160,35 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
     ((0..p).map(share).sum::<f64>() / p as f64).sqrt()
 }
 
+/// The reach of a curve without a law: nothing is known of it at higher levels than the fitted ones.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reach {
+    /// The highest level that counts as fitted.
+    pub level: f64,
+    /// The correction by the effects in the loudest fitted records, relative to the outputs.
+    pub correction: f64,
+}
+
+impl Reach {
+    /// Returns the reach of effects, from the free runs of the fitted records with and without them. Levels whose ratio
+    /// is below `same_level` count as one level.
+    pub fn of(records: &[Record], with: &[Channels], without: &[Channels], same_level: f64) -> Self {
+        let most = records.iter().map(Record::level).fold(0.0, f64::max);
+        let loudest = (0..records.len()).filter(|&k| same_level * records[k].level() > most);
+        let blocks = Blocks::joined(loudest.map(|k| Blocks::new(&with[k], &without[k], 0)).collect());
+        Self { level: same_level * most, correction: blocks.map_or(0.0, |blocks| blocks.gap()) }
+    }
+}
+
+/// Returns the gap to expect as [`expected`] does, except beyond the reach of a curve without a law. There, the error
+/// is that at the end of the reach, and the whole correction is uncertain.
+pub fn expected_within(records: &[Record], simulated: &[Channels], reach: Option<Reach>, level: f64) -> f64 {
+    match reach.filter(|reach| level > reach.level) {
+        Some(reach) => expected(records, simulated, reach.level).hypot(reach.correction),
+        None => expected(records, simulated, level),
+    }
+}
+
 /// Returns the power of an output at a level. Each record contributes its weight, the logarithm of level^2, and the
 /// logarithm of the output's power. The prior mean of the exponent is that of a linear plant.
 fn output_power(outputs: &[(f64, f64, f64)], level: f64) -> f64 {
@@ -227,5 +256,34 @@ mod tests {
         let (records, simulated): (Vec<Record>, Vec<Channels>) = [0.1, 0.3, 1.0].map(record).into_iter().unzip();
         let stated = expected(&records, &simulated, records[2].level());
         assert!((stated - 0.2).abs() < 0.02, "{stated}");
+    }
+
+    /// Beyond the reach of a curve without a law, the whole correction is uncertain, and the error at the highest
+    /// fitted level is not extrapolated. Within the reach, and for a law, nothing changes.
+    #[test]
+    fn a_curve_without_a_law_reaches_no_further_than_its_records() {
+        let [u, correction, error] = [1, 2, 3].map(|seed| crate::testing::random_input(seed, 4000, 1).remove(0));
+        let (mut records, mut with, mut without) = (Vec::new(), Vec::new(), Vec::new());
+        // The curve corrects a fifth of the louder record's output.
+        for (level, share) in [(0.5, 0.1), (1.0, 0.2)] {
+            let scaled = |x: &[f64], by: f64| x.iter().map(|x| by * x).collect::<Vec<f64>>();
+            let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a + b).collect::<Vec<f64>>();
+            let linear = scaled(&u, level);
+            let simulated = sum(&linear, &scaled(&correction, share * level));
+            let y = sum(&simulated, &scaled(&error, 0.05 * level * level));
+            records.push(crate::testing::record(vec![linear.clone()], vec![y]));
+            with.push(vec![simulated]);
+            without.push(vec![linear]);
+        }
+        let most = records[1].level();
+        let reach = Reach::of(&records, &with, &without, 1.15);
+        assert!((reach.correction - 0.2).abs() < 0.01 && reach.level == 1.15 * most, "{reach:?}");
+        let at = |reach: Option<Reach>, times: f64| expected_within(&records, &with, reach, times * most);
+        for times in [0.3, 1.0, 1.1] {
+            assert_eq!(at(Some(reach), times).to_bits(), expected(&records, &with, times * most).to_bits());
+        }
+        assert_eq!(at(None, 5.0).to_bits(), expected(&records, &with, 5.0 * most).to_bits());
+        assert_eq!(at(Some(reach), 1.2), at(Some(reach), 5.0));
+        assert!((at(Some(reach), 5.0) - at(None, 1.15).hypot(0.2)).abs() < 0.01, "{}", at(Some(reach), 5.0));
     }
 }

@@ -11,6 +11,7 @@ use crate::judge::family::with_kin;
 use crate::judge::gap::Blocks;
 use crate::judge::held_out::{HeldOut, held_out};
 use crate::judge::lacking_states::{LackingStates, lacking_states};
+use crate::judge::record_scatter::widened;
 use crate::judge::shares::{Share, shares};
 use crate::judge::shrink::{Gap, blocks, gaps, opened};
 use crate::judge::stochastic_gap::{shown, squared_gap};
@@ -65,7 +66,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
         // A refit beyond the stated limits may imitate the effect itself.
         let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
         let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
-        let gaps = gaps(explained, &plant, &actions, bounded, &config.nuisance);
+        let mut gaps = gaps(explained, &plant, &actions, bounded, &config.nuisance);
         let held_out =
             if best.is_empty() { None } else { held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions) };
         let lacking = lacking_states(explained, &gaps, config.material);
@@ -82,6 +83,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
         // If the simulation is off in many small ways, a stochastic effect as small as these is not a cause.
         let least = if ready.widened.is_some() { config.material.powi(2) } else { 0.0 };
         let (shown, squared_gaps): (Vec<_>, Vec<f64>) = shown.filter(|(_, squared)| *squared >= least).unzip();
+        gaps.predicted_ci80 = widened(explained, &gaps, &shown, &squared_gaps);
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }

@@ -16,6 +16,7 @@ pub(crate) mod locate;
 pub(crate) mod next_experiment;
 pub(crate) mod offsets;
 pub(crate) mod predictability;
+mod record_scatter;
 mod residual_noise;
 pub(crate) mod separability;
 pub(crate) mod settle_all;

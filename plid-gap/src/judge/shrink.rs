@@ -68,8 +68,8 @@ pub struct Gap {
     /// Its 95 % interval.
     #[serde(default)]
     pub share_of_ceiling_ci95: [f64; 2],
-    /// Gap with which the fitted records are predicted from one another, at full level. It is stated before any
-    /// held-out record is opened.
+    /// Gap with which the fitted records are predicted from one another, at full level. No held-out record enters
+    /// this figure, but the explanation that predicts may have been chosen with held-out records.
     #[serde(default)]
     pub crossed_gap: f64,
     /// Gap to expect on a further record like the last one at full level. If the held-out records are long enough,
@@ -80,8 +80,11 @@ pub struct Gap {
     #[serde(default)]
     pub predicted_ci80: [f64; 2],
     /// Names of the records on which the gaps were measured: the held-out ones, or the loudest fitted one if none was
-    /// held out.
+    /// held out. The verdict uses held-out records, and the choice between explanations may use them.
     pub measured_on: Vec<String>,
+    /// Whether `measured_on` is a fitted record.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub measured_on_fitted: bool,
 }
 
 /// The other model of [`Gap::reference`].
@@ -117,7 +120,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let problem = &ready.problem;
     let loudest = loudest(&problem.records, problem.settings.case.same_level);
     let noise = explained.noise_rms();
-    // The prediction from the fitted records is stated first. The held-out records then show by how much it was wrong.
+    // The prediction uses the fitted records only. The held-out records then show by how much it was wrong.
     let masked = || vec![Vec::new(); problem.plant.p];
     let whitened = |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, masked());
     let crossed = Crossed::of(problem, &explained.predicting(), whitened);
@@ -172,6 +175,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
         predicted_held_out_gap: expected.gap,
         predicted_ci80: expected.ci80,
         measured_on: opened.iter().map(|r| r.name.clone()).collect(),
+        measured_on_fitted: ready.held_out.is_empty(),
     }
 }
 

@@ -387,13 +387,15 @@ impl NoiseModel {
         }
     }
 
-    /// Returns the response to a unit white force on one mode, held over samples, in proportion to the ports' shapes.
+    /// Returns the response to a unit white force on one mode, held over samples, in proportion to the ports' shapes,
+    /// or to those of the inputs if there is no port.
     fn modal(&self, k: usize, hz: f64) -> DVector<C> {
         let plant = &self.plant;
         let z = C::cis(TAU * hz / plant.rate);
         let mode = &plant.modes[k];
         let turn = (mode.pole / plant.rate).exp();
-        let force: Vec<C> = plant.ports.iter().map(|port| port.force[k]).collect();
+        let of_ports = plant.ports.iter().map(|port| port.force[k]);
+        let force: Vec<C> = if plant.ports.is_empty() { mode.b.clone() } else { of_ports.collect() };
         let size = force.iter().map(|g| g.norm_sqr()).sum::<f64>().sqrt();
         let phase = C::cis(force.iter().map(|g| g * g).sum::<C>().arg() / 2.0);
         let held = (turn - 1.0) / mode.pole * size * phase;

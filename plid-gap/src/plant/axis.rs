@@ -64,7 +64,10 @@ fn collocated(plant: &Plant, input: usize) -> Option<usize> {
         let all: f64 = (0..plant.m).map(size).sum();
         if all > 0.0 { size(input) / all } else { 0.0 }
     };
-    let shows_motion = |o: &usize| plant.sensed[*o].order < 2 || plant.sensed[*o].source == KindSource::Declared;
+    let shows_motion = |o: &usize| {
+        let sensed = plant.sensed[*o];
+        sensed.order().is_some_and(|order| order < 2 || sensed.source == KindSource::Declared)
+    };
     (0..plant.p).filter(shows_motion).max_by(|&x, &y| share(x).total_cmp(&share(y))).filter(|&o| share(o) > 0.0)
 }
 
@@ -127,6 +130,26 @@ mod tests {
     fn motor() -> Plant {
         let (a, b) = crate::testing::held(&dmatrix![-1.5], &dmatrix![0.5], 1e-3);
         Plant::new(&Model::new(1000.0, a, b, dmatrix![1.0], DMatrix::zeros(1, 1)).unwrap()).unwrap()
+    }
+
+    /// The temperature of a heater falls with frequency as the speed of a motor does. No force acts there if it is
+    /// declared to be something else than a motion, or a force without a direct response.
+    #[test]
+    fn a_heater_has_no_axis() {
+        let of = |kind: Option<OutputKind>| {
+            let (a, b) = crate::testing::held(&dmatrix![-0.02], &dmatrix![0.5], 1.0);
+            let mut model = Model::new(1.0, a, b, dmatrix![1.0], dmatrix![0.0]).unwrap();
+            model.output_kinds = vec![kind];
+            Plant::new(&model).unwrap()
+        };
+        assert_eq!((of(None).ports.len(), of(None).sensed[0].kind), (1, OutputKind::Velocity));
+        for kind in [OutputKind::Other, OutputKind::Force] {
+            let mut heater = of(Some(kind));
+            assert!(heater.ports.is_empty(), "{kind:?}");
+            let port = CasePort { name: "coil".into(), input: 0, output: 0 };
+            let (_, why) = heater.declare(&[port]).unwrap_err();
+            assert!(why.contains(kind.name()) && why.contains("not a motion"), "{why}");
+        }
     }
 
     #[test]

@@ -56,8 +56,11 @@ impl Plant {
         if self.rest.continuous.is_none() {
             return Err("the simulation has no continuous form, as with a delay of whole samples".into());
         }
+        let kind = self.sensed[*output].kind.name();
+        if !self.sensed[*output].is_motion() {
+            return Err(format!("its output is declared as `{kind}`, which is not a motion"));
+        }
         let motion = self.motion(*output).ok_or_else(|| {
-            let kind = self.sensed[*output].kind().name();
             format!(
                 "its output, taken for the {kind} of something, shows no velocity: declare what it measures under \
                 `output_kinds`"
@@ -88,8 +91,9 @@ impl Plant {
     pub(super) fn entry(&self, input: usize) -> (Vec<C>, DVector<f64>, Vec<f64>) {
         let Some((a, b)) = &self.rest.continuous else { return Default::default() };
         let column: DVector<f64> = b.column(input).into_owned();
-        // A force changes no position or velocity at once: a feedthrough to one of these is an error of the model.
-        let moves = |o: usize| self.sensed[o].order == 2;
+        // A force changes no position or velocity at once: a feedthrough to one of these is an error of the model. How
+        // an output without motion responds to it is not known.
+        let moves = |o: usize| self.sensed[o].order() == Some(2);
         let direct: Vec<f64> = (0..self.p).map(|o| if moves(o) { self.d[(o, input)] } else { 0.0 }).collect();
         let actuator = self.chain.actuator[input].as_ref().filter(|_| !self.modes.is_empty());
         let force = self.modes.iter().map(|mode| mode.b[input] / self.chain.before(input, mode.pole)).collect();

@@ -2,7 +2,8 @@
 //!
 //! A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k): a displacement for
 //! k = 0, a velocity for k = 1, an acceleration for k = 2. The order k determines how a changed mode changes the
-//! outputs, and the motion of the modes where an actuator acts.
+//! outputs, and the motion of the modes where an actuator acts. An output that is declared as a force or as something
+//! else, such as a temperature, measures no motion and has no order.
 
 use std::f64::consts::TAU;
 
@@ -44,40 +45,54 @@ pub enum KindSource {
     Assumed,
 }
 
-/// The derivative of a displacement that an output measures.
+/// The quantity that an output measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sensed {
-    /// The order of the derivative: 0, 1 or 2.
-    pub order: i32,
-    /// The source of the order.
+    /// The kind of the quantity.
+    pub kind: OutputKind,
+    /// The source of the kind.
     pub source: KindSource,
 }
 
 impl Sensed {
     /// The default assumption.
-    pub(super) const ASSUMED: Self = Self { order: 2, source: KindSource::Assumed };
+    pub(super) const ASSUMED: Self = Self { kind: OutputKind::Acceleration, source: KindSource::Assumed };
 
-    /// Returns the kind that belongs to the order.
-    pub fn kind(self) -> OutputKind {
-        match self.order {
+    /// Returns the order of the derivative of a displacement that is measured: 0, 1 or 2; `None` if no motion is.
+    pub fn order(self) -> Option<i32> {
+        match self.kind {
+            OutputKind::Position => Some(0),
+            OutputKind::Velocity => Some(1),
+            OutputKind::Acceleration => Some(2),
+            OutputKind::Force | OutputKind::Other => None,
+        }
+    }
+
+    /// Returns whether a motion is measured.
+    pub fn is_motion(self) -> bool {
+        self.order().is_some()
+    }
+
+    /// Returns the order with which an added mode appears. Where no motion is measured, its displacement appears.
+    pub fn order_of_added(self) -> i32 {
+        self.order().unwrap_or(0)
+    }
+
+    fn inferred(order: i32) -> Self {
+        let kind = match order {
             0 => OutputKind::Position,
             1 => OutputKind::Velocity,
             _ => OutputKind::Acceleration,
-        }
+        };
+        Self { kind, source: KindSource::Inferred }
     }
 }
 
-/// Returns the orders of all outputs (p), as declared or as inferred from the simulation.
+/// Returns what all outputs (p) measure, as declared or as inferred from the simulation.
 pub(super) fn sensed(plant: &Plant, declared: &[Option<OutputKind>]) -> Vec<Sensed> {
-    let order = |kind: OutputKind| match kind {
-        OutputKind::Position => Some(0),
-        OutputKind::Velocity => Some(1),
-        OutputKind::Acceleration => Some(2),
-        OutputKind::Force | OutputKind::Other => None,
-    };
     (0..plant.p)
-        .map(|o| match declared.get(o).copied().flatten().and_then(order) {
-            Some(order) => Sensed { order, source: KindSource::Declared },
+        .map(|o| match declared.get(o).copied().flatten() {
+            Some(kind) => Sensed { kind, source: KindSource::Declared },
             None => inferred(plant, o),
         })
         .collect()
@@ -92,16 +107,17 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     let [(nearest, order), (next, _), ..] = distances[..] else { return Sensed::ASSUMED };
     // The distance is NaN if nothing can be compared, and NaN is not below the threshold.
     if nearest < plant.settings.kind_distance && nearest < plant.settings.kind_ratio * next {
-        Sensed { order, source: KindSource::Inferred }
+        Sensed::inferred(order)
     } else {
         Sensed::ASSUMED
     }
 }
 
-/// Returns the mean distance of the responses of all outputs from those of the actuators, modes, filters and sensors
-/// together; NaN if it is not known.
+/// Returns the mean distance of the responses of all outputs that measure a motion from those of the actuators, modes,
+/// filters and sensors together; NaN if it is not known.
 pub(super) fn misfit(plant: &Plant) -> f64 {
-    (0..plant.p).map(|o| distance(plant, o, plant.sensed[o].order)).sum::<f64>() / plant.p as f64
+    let of = |o: usize| plant.sensed[o].order().map(|order| distance(plant, o, order));
+    (0..plant.p).filter_map(of).sum::<f64>() / plant.p as f64
 }
 
 /// Infers the order of an output of a plant without modes from the decay of its response at high frequencies. A force
@@ -114,8 +130,8 @@ fn by_slope(plant: &Plant, output: usize) -> Sensed {
     let [from, to] = SLOPE_BETWEEN;
     let slope = size(from).zip(size(to)).map(|(low, high)| (high / low).ln() / (to / from).ln());
     match slope {
-        Some(slope) if slope < POSITION_OR_VELOCITY => Sensed { order: 0, source: KindSource::Inferred },
-        Some(slope) if slope < VELOCITY_OR_ACCELERATION => Sensed { order: 1, source: KindSource::Inferred },
+        Some(slope) if slope < POSITION_OR_VELOCITY => Sensed::inferred(0),
+        Some(slope) if slope < VELOCITY_OR_ACCELERATION => Sensed::inferred(1),
         _ => Sensed::ASSUMED,
     }
 }
@@ -182,7 +198,7 @@ mod tests {
             ] {
                 let plant = Plant::new(&testing::truss_sensed(seed, sensor, |_| {})).unwrap();
                 for sensed in &plant.sensed {
-                    assert_eq!((sensed.kind(), sensed.source), (kind, KindSource::Inferred), "{seed}");
+                    assert_eq!((sensed.kind, sensed.source), (kind, KindSource::Inferred), "{seed}");
                 }
             }
         }
@@ -199,7 +215,7 @@ mod tests {
         let c = nalgebra::dmatrix![1.0, 0.0, 1.0];
         let model = plid_model::Model::new(rate, a, b, c, DMatrix::zeros(1, 1)).unwrap();
         let plant = Plant::new(&model).unwrap();
-        assert_eq!(plant.sensed[0], Sensed { order: 0, source: KindSource::Inferred });
+        assert_eq!(plant.sensed[0], Sensed::inferred(0));
         assert!(!plant.chain.known());
     }
 
@@ -209,7 +225,56 @@ mod tests {
         model.output_kinds[0] = Some(OutputKind::Velocity);
         model.output_kinds[1] = Some(OutputKind::Other);
         let plant = Plant::new(&model).unwrap();
-        assert_eq!(plant.sensed[0], Sensed { order: 1, source: KindSource::Declared });
-        assert_eq!(plant.sensed[1], Sensed { order: 2, source: KindSource::Inferred });
+        assert_eq!(plant.sensed[0], Sensed { kind: OutputKind::Velocity, source: KindSource::Declared });
+        assert_eq!(plant.sensed[1], Sensed { kind: OutputKind::Other, source: KindSource::Declared });
+    }
+
+    /// A structure whose outputs are all declared to measure no motion has no ports, not even on single modes. Its
+    /// modes can still be moved, and then its outputs show the same states.
+    #[test]
+    fn without_a_motion_there_is_no_port() {
+        for kind in [OutputKind::Force, OutputKind::Other] {
+            let mut model = testing::truss(1);
+            model.ports.clear();
+            assert_eq!(Plant::new(&model).unwrap().ports.len(), 2);
+            model.output_kinds = vec![Some(kind); 2];
+            let mut plant = Plant::new(&model).unwrap();
+            plant.add_modal_port(0);
+            assert!(plant.ports.is_empty(), "{kind:?}");
+            let (shown, rest) = (plant.modes[0].c.clone(), plant.rest.clone());
+            plant.move_pole(0, plant.modes[0].pole * 1.01);
+            let behind = |pole: C| plant.chain.behind(0, pole);
+            let ratio = behind(plant.modes[0].pole) / behind(plant.modes[0].pole / 1.01);
+            assert!((plant.modes[0].c[0] - shown[0] * ratio).norm() < 1e-9 * shown[0].norm());
+            assert_eq!(plant.rest, rest);
+        }
+    }
+
+    /// Beside a force sensor and a temperature, the port of an accelerometer is that of the accelerometer alone.
+    #[test]
+    fn an_output_without_motion_does_not_scale_a_port() {
+        use crate::testing::accelerometers::model;
+        let alone = model(0.0, 0.0);
+        let mut beside = alone.clone();
+        beside.c = beside.c.insert_row(2, 0.7);
+        beside.d = beside.d.insert_row(2, 0.3);
+        beside.outputs.push("y3".into());
+        let ports = |model: &plid_model::Model| Plant::new(model).unwrap().ports;
+        let expected = ports(&alone);
+        for kind in [OutputKind::Force, OutputKind::Other] {
+            beside.output_kinds = alone.output_kinds.iter().copied().chain([Some(kind)]).collect();
+            let found = ports(&beside);
+            assert_eq!(found.len(), expected.len());
+            for (found, expected) in found.iter().zip(&expected) {
+                assert_eq!((&found.name, found.input), (&expected.name, expected.input));
+                let compliance = |port: &crate::plant::Port| -> Vec<C> {
+                    port.force.iter().zip(&port.displacement).map(|(force, row)| force * row).collect()
+                };
+                for (found, expected) in compliance(found).into_iter().zip(compliance(expected)) {
+                    assert!((found - expected).norm() < 1e-9 * expected.norm(), "{found} {expected}");
+                }
+                assert_eq!(found.output[2], 0.0);
+            }
+        }
     }
 }

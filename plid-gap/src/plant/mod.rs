@@ -82,12 +82,13 @@ impl Carried {
         Self { displacement, velocity: turn * displacement, acceleration: turn * turn * displacement }
     }
 
-    /// Returns the factor on an output's row.
+    /// Returns the factor on an output's row. An output that measures no motion keeps its row.
     pub(crate) fn sensed(&self, sensed: Sensed) -> C {
-        match sensed.order {
-            0 => C::from(self.displacement),
-            1 => self.velocity,
-            _ => self.acceleration,
+        match sensed.order() {
+            None => C::ONE,
+            Some(0) => C::from(self.displacement),
+            Some(1) => self.velocity,
+            Some(_) => self.acceleration,
         }
     }
 }
@@ -152,7 +153,7 @@ pub struct Plant {
     pub port_source: PortSource,
     /// Actuators and filters.
     pub chain: SignalChain,
-    /// The derivative of a displacement that each output measures (p).
+    /// What each output measures (p).
     pub sensed: Vec<Sensed>,
     /// The discrete-time controller that closes a loop around the plant, if there is one. The inputs of a run are
     /// then added to its commands.
@@ -297,10 +298,16 @@ impl Plant {
         }
     }
 
-    /// Adds a port on a single mode, `mode:HZ`, for effects that no input's port explains.
+    /// Returns whether any output measures a motion.
+    pub fn shows_motion(&self) -> bool {
+        self.sensed.iter().any(|sensed| sensed.is_motion())
+    }
+
+    /// Adds a port on a single mode, `mode:HZ`, for effects that no input's port explains. There is none if no output
+    /// measures a motion.
     pub fn add_modal_port(&mut self, mode: usize) {
         let name = format!("{ON_A_MODE}{}", plain_hz(self.modes[mode].hz()));
-        if self.ports.iter().all(|port| port.name != name) {
+        if self.shows_motion() && self.ports.iter().all(|port| port.name != name) {
             let port = ports::of_mode(self, mode);
             self.ports.push(Port { name, ..port });
         }
@@ -383,7 +390,7 @@ impl Plant {
         model.parameter_covariance = None;
         model.initial_state = None;
         model.ports = self.ports.iter().map(|port| self.written(port, &names.inputs)).collect();
-        let known = |sensed: &Sensed| (sensed.source != KindSource::Assumed).then(|| sensed.kind());
+        let known = |sensed: &Sensed| (sensed.source != KindSource::Assumed).then_some(sensed.kind);
         model.output_kinds = self.sensed.iter().map(known).collect();
         model
     }
@@ -581,7 +588,7 @@ impl Plant {
     /// measures its derivative of c q.
     pub fn add_mode(&mut self, pole: C, b: &[f64], c: &[f64]) {
         // z' = pole z + b a, q = 2 Re(z / (pole - conj pole)).
-        let scale = |o: usize| pole.powi(self.sensed[o].order) / C::new(0.0, 2.0 * pole.im);
+        let scale = |o: usize| pole.powi(self.sensed[o].order_of_added()) / C::new(0.0, 2.0 * pole.im);
         self.modes.push(Mode {
             pole,
             b: b.iter().enumerate().map(|(i, b)| self.chain.before(i, pole) * *b).collect(),
@@ -596,9 +603,9 @@ impl Plant {
     }
 
     /// Returns gamma_o beta_i of a mode in physical form: the product of its output and input shapes, without the
-    /// actuator and the filter.
+    /// actuator and the filter; zero for an output that measures no motion.
     pub fn product(&self, mode: &Mode, o: usize, i: usize) -> f64 {
-        self.product_of(mode, o, i, self.sensed[o].order)
+        self.sensed[o].order().map_or(0.0, |order| self.product_of(mode, o, i, order))
     }
 
     /// Returns gamma_o beta_i of a mode for an output that measures a derivative of another order.
@@ -616,12 +623,12 @@ impl Plant {
     /// Returns whether the paths from the modes to the outputs are known. Only then does a changed mode change the
     /// response through these paths.
     fn understood(&self) -> bool {
-        self.chain.known() || self.sensed.iter().any(|sensed| sensed.source != KindSource::Assumed)
+        self.chain.known() || self.sensed.iter().any(|s| s.source != KindSource::Assumed && s.is_motion())
     }
 
     /// Returns whether an output responds to a force at once, as an acceleration without a filter does.
     fn answers_at_once(&self, o: usize) -> bool {
-        self.understood() && self.sensed[o].order == 2 && self.chain.filter[o].is_empty()
+        self.understood() && self.sensed[o].order() == Some(2) && self.chain.filter[o].is_empty()
     }
 
     /// Adds or subtracts a mode's response through the poles of actuators and filters, that is, its residues at these
@@ -731,16 +738,16 @@ impl Passed {
 
     /// Returns the gain from the actuator's output to an output, at the actuator's pole.
     pub(crate) fn actuator(&self, plant: &Plant, o: usize, i: usize) -> f64 {
-        let Some(actuator) = &plant.chain.actuator[i] else { return 0.0 };
+        let (Some(actuator), Some(order)) = (&plant.chain.actuator[i], plant.sensed[o].order()) else { return 0.0 };
         let s = C::from(-actuator.pole);
-        let order = plant.sensed[o].order;
         (plant.chain.behind(o, s) * Plant::derivative(order, self.pole, s)).re * self.products[(o, i)]
     }
 
     /// Returns the gain from the input to the filter's state, which the output observes with gain one.
     pub(crate) fn filter(&self, plant: &Plant, o: usize, i: usize, f: usize) -> C {
+        let Some(order) = plant.sensed[o].order() else { return C::ZERO };
         let s = plant.chain.filter[o][f].pole;
-        let through = plant.chain.before(i, s) * Plant::derivative(plant.sensed[o].order, self.pole, s);
+        let through = plant.chain.before(i, s) * Plant::derivative(order, self.pole, s);
         plant.chain.residue(o, f) * through * self.products[(o, i)]
     }
 }

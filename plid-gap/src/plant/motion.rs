@@ -34,13 +34,13 @@ impl Row {
 }
 
 impl Plant {
-    /// Returns the motion that an output measures before its filters; `None` if no combination of the states is its
-    /// velocity, or if the continuous form of the rest is not known.
+    /// Returns the motion that an output measures before its filters; `None` if it measures no motion, if no
+    /// combination of the states is its velocity, or if the continuous form of the rest is not known.
     pub(super) fn motion(&self, output: usize) -> Option<Motion> {
         let (a, _) = self.rest.continuous.as_ref()?;
         let mut shown = self.before_filters(output, a);
         let mut direct = self.d.row(output).transpose();
-        let mut order = self.sensed[output].order;
+        let mut order = self.sensed[output].order()?;
         while order > 1 {
             shown = self.integral(&shown, &direct)?;
             direct.fill(0.0);

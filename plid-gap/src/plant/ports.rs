@@ -63,14 +63,19 @@ pub(crate) const SAME_ROW: f64 = 1e-6;
 /// sees d = beta q. The simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0,
 /// up to one number g0 for each mode. At a collocated sensor beta = gamma, which gives g0. A force at another output
 /// then has beta = gamma there, too (Maxwell, Betti).
+///
+/// There are no ports if no output measures a motion.
 pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Vec<Port> {
+    if !plant.shows_motion() {
+        return Vec::new();
+    }
     let at = collocated_outputs(plant, &IDENTIFIED);
     let modal = modal_ports(plant, at.as_deref());
     let of_input = |(i, name): (usize, &String)| {
         let scale = PortScale::Inferred(Some(i));
         Port { name: name.clone(), input: Some(i), scale, ..of_input(plant, &modal, i, &|_| true) }
     };
-    let further = |o: &usize| at.as_ref().is_some_and(|at| !at.contains(o));
+    let further = |o: &usize| at.as_ref().is_some_and(|at| !at.contains(o)) && plant.sensed[*o].is_motion();
     let of_output = |o: usize| Port { name: outputs[o].clone(), ..of_output(plant, &modal, o) };
     inputs.iter().enumerate().map(of_input).chain((0..plant.p).filter(further).map(of_output)).collect()
 }
@@ -92,7 +97,7 @@ fn modal_ports(plant: &Plant, at: Option<&[usize]>) -> Vec<ModalPorts> {
 struct ModalPorts {
     /// Force column of each input.
     force: Vec<C>,
-    /// Shape of each output.
+    /// Shape of each output; zero if it measures no motion.
     sensed: Vec<C>,
     /// g0^2, the ratio of the force to the sensor's shape at a collocated sensor.
     square: C,
@@ -108,7 +113,8 @@ impl ModalPorts {
         let force: Vec<C> = (0..plant.m).map(|i| mode.b[i] / plant.chain.before(i, pole)).collect();
         // After the filter, y = gamma q^(k) has c = gamma pole^k F(pole) / (2 j Im(pole) g0).
         let twice = C::new(0.0, 2.0 * pole.im);
-        let sensed = |o: usize| mode.c[o] * twice / (pole.powi(plant.sensed[o].order) * plant.chain.behind(o, pole));
+        let of_order = |o: usize, order: i32| mode.c[o] * twice / (pole.powi(order) * plant.chain.behind(o, pole));
+        let sensed = |o: usize| plant.sensed[o].order().map_or(C::ZERO, |order| of_order(o, order));
         let sensed: Vec<C> = (0..plant.p).map(sensed).collect();
         let norm = |sum: f64| sum.sqrt().max(f64::MIN_POSITIVE);
         let shown = (0..plant.p).filter(|o| at.is_none_or(|at| at.contains(o)));
@@ -234,8 +240,8 @@ impl Plant {
     fn filters_part(&self, mode: &Mode, product: &dyn Fn(usize) -> f64) -> DVector<f64> {
         let mut column = DVector::zeros(self.rest.a.nrows());
         for (o, filters) in self.chain.filter.iter().enumerate() {
+            let Some(order) = self.sensed[o].order() else { continue };
             for (f, filter) in filters.iter().enumerate() {
-                let order = self.sensed[o].order;
                 let response = Plant::derivative(order, mode.pole, filter.pole) * product(o);
                 let gain = self.chain.residue(o, f) * response;
                 let both = if filter.pole.im == 0.0 { 1.0 } else { 2.0 };

@@ -12,7 +12,7 @@ use plid_fourier::C;
 /// square of a single shape. A force at another output follows from reciprocity (Maxwell, Betti): it moves the
 /// collocated sensor as the input moves the other output.
 pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Option<Vec<Port>> {
-    if plant.rest.continuous.is_none() || plant.sensed.iter().any(|sensed| sensed.order > 1) {
+    if plant.rest.continuous.is_none() || plant.sensed.iter().any(|sensed| sensed.order() > Some(1)) {
         return None;
     }
     let at = collocated_outputs(plant, &EXACT)?;
@@ -51,7 +51,9 @@ pub(super) fn collocated_outputs(plant: &Plant, tolerance: &Tolerance) -> Option
     for input in 0..plant.m {
         let size = |output: &usize| plant.modes.iter().map(|mode| residue(plant, mode, *output, input).norm()).sum();
         let sizes = |a: &usize, b: &usize| f64::total_cmp(&size(a), &size(b));
-        let may_be = |output: &usize| !at.contains(output) && collocated(plant, *output, input, tolerance);
+        let is_motion = |output: usize| plant.sensed[output].is_motion();
+        let may_be =
+            |output: &usize| is_motion(*output) && !at.contains(output) && collocated(plant, *output, input, tolerance);
         let output = (0..plant.p).filter(may_be).max_by(sizes)?;
         at.push(output);
     }
@@ -61,9 +63,9 @@ pub(super) fn collocated_outputs(plant: &Plant, tolerance: &Tolerance) -> Option
 /// Returns the residue of a mode in the response of a displacement to a force, times 2 j times its damped frequency:
 /// a positive number for a collocated sensor.
 fn residue(plant: &Plant, mode: &Mode, output: usize, input: usize) -> C {
-    let Some(sensed) = plant.sensed.get(output) else { return C::ZERO };
+    let Some(order) = plant.sensed.get(output).and_then(|sensed| sensed.order()) else { return C::ZERO };
     let passed = plant.chain.before(input, mode.pole) * plant.chain.behind(output, mode.pole);
-    mode.c[output] * mode.b[input] * C::new(0.0, 2.0 * mode.pole.im) / (passed * mode.pole.powi(sensed.order))
+    mode.c[output] * mode.b[input] * C::new(0.0, 2.0 * mode.pole.im) / (passed * mode.pole.powi(order))
 }
 
 fn collocated(plant: &Plant, output: usize, input: usize, tolerance: &Tolerance) -> bool {
@@ -82,8 +84,8 @@ fn collocated(plant: &Plant, output: usize, input: usize, tolerance: &Tolerance)
 /// simulation. In a model that was identified from records, the force changes both to some degree.
 fn only_accelerates(plant: &Plant, port: &Port, output: usize, input: usize) -> bool {
     let acceleration = port.at_once(&port.velocity, &port.velocity_rest);
-    let other = match plant.sensed[output].order {
-        0 => port.at_once(&port.displacement, &port.displacement_rest),
+    let other = match plant.sensed[output].order() {
+        Some(0) => port.at_once(&port.displacement, &port.displacement_rest),
         _ => plant.d[(output, input)],
     };
     acceleration > 0.0 && lowest(&plant.modes) * other.abs() < plant.settings.at_once * acceleration

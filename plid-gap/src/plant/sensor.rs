@@ -2,6 +2,8 @@
 
 use nalgebra::DVector;
 
+use plid_model::OutputKind;
+
 use super::{KindSource, Plant, Sensed};
 
 impl Plant {
@@ -10,16 +12,16 @@ impl Plant {
     pub(crate) fn with_sensor(&self, port: usize) -> Self {
         let mut more = self.clone();
         let at = &self.ports[port];
-        let (order, modes, rest) = if at.sees_displacement() {
-            (0, &at.displacement, &at.displacement_rest)
+        let (kind, modes, rest) = if at.sees_displacement() {
+            (OutputKind::Position, &at.displacement, &at.displacement_rest)
         } else {
-            (1, &at.velocity, &at.velocity_rest)
+            (OutputKind::Velocity, &at.velocity, &at.velocity_rest)
         };
         more.modes.iter_mut().zip(modes).for_each(|(mode, row)| mode.c.push(*row));
         more.rest.c = more.rest.c.insert_row(self.p, 0.0);
         more.rest.c.row_mut(self.p).copy_from(&rest.transpose());
         more.d = more.d.insert_row(self.p, 0.0);
-        more.sensed.push(Sensed { order, source: KindSource::Declared });
+        more.sensed.push(Sensed { kind, source: KindSource::Declared });
         more.chain.filter.push(Vec::new());
         // A force changes no displacement or velocity at once.
         more.ports.iter_mut().filter(|port| !port.output.is_empty()).for_each(|port| port.output.push(0.0));

@@ -1,5 +1,6 @@
 use super::{KindSource, Plant, Sensed};
 use plid_fourier::C;
+use plid_model::OutputKind;
 
 impl Plant {
     /// Returns the same plant with the forces at these ports as further outputs, after its own. A controller does not
@@ -10,7 +11,7 @@ impl Plant {
         shown.modes.iter_mut().for_each(|mode| mode.c.resize(shown.p, C::ZERO));
         shown.rest.c.resize_vertically_mut(shown.p, 0.0);
         shown.d.resize_vertically_mut(shown.p, 0.0);
-        shown.sensed.resize(shown.p, Sensed { order: 0, source: KindSource::Declared });
+        shown.sensed.resize(shown.p, Sensed { kind: OutputKind::Position, source: KindSource::Declared });
         shown.chain.filter.resize(shown.p, Vec::new());
         shown.ports.iter_mut().for_each(|port| port.output.resize(shown.p, 0.0));
         for (k, port) in ports.iter().enumerate() {
@@ -45,7 +46,7 @@ mod tests {
         shown.rest.c.resize_vertically_mut(shown.p, 0.0);
         shown.rest.c.row_mut(plant.p + 1).copy_from(&port.displacement_rest.transpose());
         shown.d.resize_vertically_mut(shown.p, 0.0);
-        shown.sensed.push(Sensed { order: 0, source: KindSource::Declared });
+        shown.sensed.push(Sensed { kind: OutputKind::Position, source: KindSource::Declared });
         shown.ports.iter_mut().for_each(|port| port.output.push(0.0));
         let seen = run(&shown);
         let (force, d) = (&seen[plant.p], &seen[plant.p + 1]);

@@ -126,7 +126,8 @@ impl Spectrum {
                 else {
                     continue;
                 };
-                let sensed = (0..plant.sensed[o].order).fold(row, |row, _| a_time.tr_mul(&row));
+                let order = plant.sensed[o].order().unwrap_or(0);
+                let sensed = (0..order).fold(row, |row, _| a_time.tr_mul(&row));
                 c.row_mut(o).copy_from(&(sensed * outputs[o]).transpose());
             }
             for port in plant.ports.iter_mut().filter(|port| port.sees_displacement() && port.moved_by().is_none()) {

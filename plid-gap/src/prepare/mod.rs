@@ -207,7 +207,7 @@ impl Prepared {
         let (mut power, mut freedom) = (0.0, 0.0);
         for ((record, y), whitener) in problem.records.iter().zip(simulated).zip(&problem.whiteners) {
             let Excitation::Periodic(period) = record.excitation else { continue };
-            let mut error = measured_error(record, y);
+            let mut error = record.error_where_measured(y);
             for (error, masked) in error.iter_mut().zip(&whitener.masked) {
                 masked.iter().for_each(|&k| error[k] = f64::NAN);
                 fill_from_other_periods(error, period);
@@ -440,7 +440,7 @@ impl Prepared {
     pub fn take_for_noise(&mut self, simulated: &[Channels], may_be: bool) {
         let driven = self.problem.records.iter().zip(simulated).filter(|(record, _)| record.is_driven());
         let stretch = |(record, y): (&Record, &Channels)| {
-            let error = measured_error(record, y);
+            let error = record.error_where_measured(y);
             unexplained(record, &error).unwrap_or_else(|| Stretch::new(&error))
         };
         self.quiet = driven.map(stretch).collect();
@@ -581,12 +581,6 @@ fn quiet_stretches(
 fn silent(records: &[Record], shortest: usize, stretch: impl Fn(&Record) -> Stretch) -> Vec<Stretch> {
     let long = |r: &&Record| r.excitation == Excitation::Zero && r.samples() >= shortest;
     records.iter().filter(long).map(stretch).collect()
-}
-
-/// Returns measured minus simulated outputs; NaN where a sample is missing.
-fn measured_error(record: &Record, simulated: &[Vec<f64>]) -> Channels {
-    let one = |(y, s): (&Vec<f64>, &Vec<f64>)| y.iter().zip(s).map(|(y, s)| y - s).collect();
-    record.y.iter().zip(simulated).map(one).collect()
 }
 
 /// Replaces a missing sample (NaN) by the mean of the other periods except the first; by zero if it is missing in all

@@ -2,7 +2,7 @@
 
 use plid_report::{Axis, Cell, Chart, Report, Series, Table, chart};
 
-use super::words::{at, explanation, kind, percent};
+use super::words::{at, explanation, percent, records};
 use super::{GIVEN, REFERENCE, WITH, shrink, whereabouts};
 use crate::answer::schema::NamedEffect;
 use crate::case::Case;
@@ -30,10 +30,13 @@ fn parameters(report: Report, outcome: &Outcome) -> Report {
     if diagnosis.effects.is_empty() {
         return report;
     }
-    let mut table = Table::new("Effects of the answer, largest share of the gap first.")
+    let caption = "Effects of the answer, largest share of the gap first. The share is that of the squared gap beyond \
+        noise and bounded refit that an effect closes while the others stay, with its 95 % interval.";
+    let mut table = Table::new(caption)
         .column("effect", "")
         .column("place", "")
         .column("sure", "%")
+        .column("share of the gap", "%")
         .column("family", "")
         .column("parameter", "")
         .column("value", "")
@@ -45,6 +48,7 @@ fn parameters(report: Report, outcome: &Outcome) -> Report {
             format!("{}{shape}", effect.effect).into(),
             effect.location.as_str().into(),
             Cell::fixed(100.0 * effect.confidence, 1),
+            share(effect),
             family(effect).into(),
         ];
         for (name, value) in &effect.parameters {
@@ -54,7 +58,7 @@ fn parameters(report: Report, outcome: &Outcome) -> Report {
             });
             let unit: &str = if value.unit.is_empty() { "1" } else { &value.unit };
             head.extend([name.as_str().into(), Cell::significant(value.value, 4), interval, unit.into()]);
-            table = table.row(std::mem::replace(&mut head, vec!["".into(); 4]));
+            table = table.row(std::mem::replace(&mut head, vec!["".into(); 5]));
         }
         if effect.parameters.is_empty() {
             table = table.row(head);
@@ -65,6 +69,15 @@ fn parameters(report: Report, outcome: &Outcome) -> Report {
         report = report.paragraph(format!("{}: {}", at(&written.effect, &written.location), written.equation));
     }
     report
+}
+
+/// Returns the share of the gap that an effect closes, with its interval: "96.0 (94.1 to 97.3)". A stochastic effect
+/// has none.
+fn share(effect: &NamedEffect) -> Cell {
+    let figure = |share: f64| Cell::fixed(100.0 * share, 1);
+    let Some(share) = effect.share else { return "".into() };
+    let interval = effect.share_ci95.map(|[low, high]| format!(" ({} to {})", figure(low), figure(high)));
+    Cell::Number(format!("{}{}", figure(share), interval.unwrap_or_default()))
 }
 
 /// Returns the family of an effect with its probability: "dry friction, 97 % sure".
@@ -200,22 +213,25 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
     let gap = &outcome.diagnosis.gap;
     // A zero is printed without a sign.
     let figure = |share: f64| Cell::fixed(if share.abs() < 5e-5 { 0.0 } else { 100.0 * share }, 2);
-    let mut table = Table::new(format!("The gap in numbers, on {} ({}).", gap.measured_on.join(", "), kind(outcome)))
+    let mut table = Table::new(format!("The gap in numbers, on {}.", gap.measured_on.join(", ")))
         .column("figure", "")
-        .column("value", "%");
+        .column("value", "%")
+        .column("80 % interval", "%");
     let rows = [
         ("gap as given", gap.as_given),
         ("gap after the bounded refit", gap.refit),
         ("gap after a linear refit without bounds", gap.free_refit),
         ("gap with all effects", gap.with_effect),
         ("gap of noise alone", gap.noise_floor),
-        ("predicted gap (before the held-out record was used)", gap.crossed_gap),
-        ("gap to expect on a further record", gap.predicted_held_out_gap),
+        ("gap predicted from the fitted records", gap.crossed_gap),
     ];
     let of_reference = ("shrink by a reference effect, minus that of the bounded refit", gap.placebo_shrink);
     for (name, value) in rows.into_iter().chain(gap.reference().map(|_| of_reference)) {
         table = table.row([name.into(), figure(value)]);
     }
+    let [low, high] = gap.predicted_ci80.map(figure);
+    let interval = Cell::Number(format!("{low} to {high}"));
+    table = table.row(["gap to expect on a further record".into(), figure(gap.predicted_held_out_gap), interval]);
     let mut shrink = Table::new(
         "Shrink by all effects: 1 − (gap with effects)/(reference gap), both in excess of the noise, with 95 % \
         intervals from a block bootstrap.",
@@ -234,7 +250,11 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         shrink = shrink.row([than.into(), its_gap, figure(value), figure(low), figure(high)]);
     }
     let costs = costs(outcome);
-    report.table(table).table(shrink).details("Residual compared with the noise", |report| report.table(costs))
+    report
+        .table(table)
+        .paragraph(records(outcome))
+        .table(shrink)
+        .details("Residual compared with the noise", |report| report.table(costs))
 }
 
 /// Returns the table of the residual of the fitted records.

@@ -1,4 +1,4 @@
-//! The third figure: the evidence.
+//! The fourth section: the evidence.
 
 use plid_report::{Bar, Bars, Report, bars};
 
@@ -14,7 +14,7 @@ const SHOWN: usize = 8;
 
 /// Adds the section.
 pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
-    let mut report = report.heading("3. The evidence");
+    let mut report = report.heading("4. The evidence");
     for sentence in &outcome.diagnosis.evidence {
         report = report.paragraph(sentence);
     }

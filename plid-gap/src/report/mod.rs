@@ -1,5 +1,5 @@
-//! The report of a diagnosis, report.html: the verdict in a sentence, three figures (the gap before and after, its
-//! location, the evidence), then the details.
+//! The report of a diagnosis, report.html: the verdict in a sentence, four sections with figures (the gap before and
+//! after, its location, what remains, the evidence), then the details.
 
 mod details;
 mod evidence;
@@ -44,6 +44,7 @@ pub fn page(outcome: &Outcome, case: &Case) -> Report {
     report = report.warnings(&outcome.diagnosis.warnings).advice(&outcome.diagnosis.next_experiment);
     report = shrink::section(report, outcome);
     report = whereabouts::section(report, outcome);
+    report = whereabouts::remains(report, outcome);
     report = evidence::section(report, outcome, case);
     report = details::section(report, outcome, case);
     report

@@ -1,13 +1,14 @@
-//! The first figure: the gap before and after.
+//! The first section: the gap before and after.
 
 use plid_report::{Bar, Bars, Report, bars};
 
 use super::traces::{self, Traces};
-use super::words::{held_out, kind, percent, with, worst};
+use super::words::{held_out, kind, percent, records, unbroken, with, worst};
+use crate::answer::statements::expected;
 use crate::diagnose::Outcome;
 use crate::judge::verdict::Verdict;
 
-/// Returns the sentences below the verdict: the shrink of the gap, and the gap that was predicted.
+/// Returns the sentences below the verdict: the shrink of the gap, the gap that was predicted, and the gap to expect.
 pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     let gap = &outcome.diagnosis.gap;
     let on = gap.measured_on.join(", ");
@@ -25,11 +26,12 @@ pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     }
     if held_out(outcome) {
         sentences.push(format!(
-            "Gap on {on}: {} predicted (before it was used), {} measured.",
+            "Gap on {on}: {} predicted from the fitted records, {} measured.",
             percent(gap.crossed_gap),
             percent(gap.with_effect)
         ));
     }
+    sentences.push(unbroken(&expected(gap.predicted_held_out_gap, gap.predicted_ci80)));
     sentences
 }
 
@@ -89,7 +91,7 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
         .heading("1. The gap before and after")
         .figure(
             bars(&gap_bars(outcome)),
-            format!("Free-run gap on {}, every output scaled to unit RMS.{words}", gap.measured_on.join(", ")),
+            format!("Free-run gap, every output scaled to unit RMS. {}{words}", records(outcome)),
         )
         .figure(
             traces::window(&Traces::of(outcome), worst),

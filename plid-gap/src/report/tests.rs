@@ -6,8 +6,8 @@ use nalgebra::DMatrix;
 
 use super::page;
 use crate::answer::schema::{
-    Change, Comparison, Diagnosis, Explanation, Gap, Located, NamedEffect, ShrinkOver, SimulationWithEffects, Value,
-    Where, WrittenEffect,
+    Change, Comparison, Diagnosis, Explanation, Gap, Located, NamedEffect, Remainder, RemainderPlace, ShrinkOver,
+    SimulationWithEffects, Value, Where, WrittenEffect,
 };
 use crate::case::levels::LevelRun;
 use crate::case::record::{Channels, Record};
@@ -100,8 +100,8 @@ fn diagnosis() -> Diagnosis {
         effects: vec![NamedEffect {
             effect: CUBIC.into(),
             location: "input:u1".into(),
-            share: None,
-            share_ci95: None,
+            share: Some(0.951),
+            share_ci95: Some([0.932, 0.964]),
             confidence: 0.93,
             family: None,
             parameters: parameters(),
@@ -118,11 +118,24 @@ fn diagnosis() -> Diagnosis {
         statements: Vec::new(),
         place: place(),
         gap: gap(),
-        remainder: Default::default(),
+        remainder: remainder(),
         next_experiment: Some("Record it at <twice> the level.".into()),
         evidence: vec!["The resonance at 11 Hz stiffens & the damping does not change.".into()],
         settings: crate::settings::GapSettings::default(),
         warnings: vec!["a&b.csv: 3 samples are missing.".into()],
+    }
+}
+
+fn remainder() -> Remainder {
+    Remainder {
+        gap: 0.02,
+        noise: 0.01,
+        share_of_gap: 0.0019,
+        further_cause: 0.12,
+        repeats: Some(0.35),
+        place: RemainderPlace { channels: place().channels, bands_hz: vec![[10.0, 12.0, 0.8]] },
+        nearest: vec![Located { effect: "clearance".into(), location: "input:u1".into() }],
+        noise_unseen: false,
     }
 }
 
@@ -162,6 +175,7 @@ fn gap() -> Gap {
         predicted_held_out_gap: 0.021,
         predicted_ci80: [0.018, 0.025],
         measured_on: vec!["last.csv".into()],
+        measured_on_fitted: false,
     }
 }
 
@@ -305,7 +319,15 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "frequency 11.000 -&gt; 11.010 Hz",
         "sensor-noise",
         "higher prior: clearance",
-        "Gap on last.csv: 2.10\u{a0}% predicted (before it was used), 2.00\u{a0}% measured.",
+        "Gap on last.csv: 2.10\u{a0}% predicted from the fitted records, 2.00\u{a0}% measured.",
+        "a gap of 2.10\u{a0}% is expected (80\u{a0}% interval 1.80\u{a0}% to 2.50\u{a0}%)",
+        "1.80 to 2.50",
+        // The share of the effect, with its interval.
+        "95.1 (93.2 to 96.4)",
+        // What remains.
+        "a gap of 2.00\u{a0}% remains, and noise alone makes 1.00\u{a0}%",
+        "35.0\u{a0}% of its power, noise included, repeats",
+        "clearance at input:u1 comes nearest",
         // The shrink relative to another model, with its interval.
         "the bounded refit",
         "86.00",
@@ -319,6 +341,53 @@ fn the_page_says_all_that_the_diagnosis_says() {
     // The gap, a trace, spectra, two maps, shares, level, responses twice, resonances, lines, the screen, the refit,
     // and the folded details.
     assert!(html.matches("<figure>").count() >= 16, "{}", html.matches("<figure>").count());
+}
+
+/// The map of the remainder is beside its sentence, before the details.
+#[test]
+fn what_remains_has_a_section_with_its_picture() {
+    let case = case();
+    let mut outcome = outcome(&case);
+    let section = |outcome: &Outcome| -> String {
+        let html = page(outcome, &case).to_html();
+        let (_, after) = html.split_once("3. What remains").unwrap();
+        after.split_once("4. The evidence").unwrap().0.into()
+    };
+    let shown = section(&outcome);
+    assert!(shown.contains("<svg") && shown.contains("remains with the effect, in excess"), "{shown}");
+    assert!(!shown.contains("<details"), "{shown}");
+    outcome.diagnosis.remainder = Remainder { gap: 0.01, ..remainder() };
+    outcome.shown.after.share.fill(0.0);
+    let nothing = section(&outcome);
+    assert!(nothing.contains("Nothing remains beyond the noise") && !nothing.contains("<svg"), "{nothing}");
+}
+
+/// The figures of records that were held out are not those of records that nothing has seen, and the page says so
+/// below the bars and below the table.
+#[test]
+fn the_use_of_the_records_is_stated_beside_the_figures() {
+    let case = case();
+    let mut outcome = outcome(&case);
+    let count = |outcome: &Outcome, note: &str| page(outcome, &case).to_html().matches(note).count();
+    assert_eq!(count(&outcome, "No fit used it, but the verdict did"), 2);
+    outcome.diagnosis.gap.measured_on_fitted = true;
+    assert_eq!(count(&outcome, "last.csv, which was fitted, because nothing could be held out"), 2);
+    assert_eq!(count(&outcome, "No fit used it"), 0);
+}
+
+#[test]
+fn the_text_states_what_the_page_states() {
+    let diagnosis = diagnosis();
+    let text = diagnosis.text();
+    for line in [
+        "With the best explanation, a gap of 2.00 % remains, and noise alone makes 1.00 %; beyond the noise, this is \
+        0.19 % of the squared gap as given, mostly at y2 (70.0 %) and y<1> (30.0 %), at 10.0 to 12.0 Hz (80.0 %)",
+        "On a further record at full level, a gap of 2.10 % is expected (80 % interval 1.80 % to 2.50 %).",
+        "The gaps are those of last.csv. No fit used it, but the verdict did",
+        "next: Record it at <twice> the level.",
+    ] {
+        assert!(text.lines().any(|said| said.starts_with(line)), "{line}\n{text}");
+    }
 }
 
 #[test]

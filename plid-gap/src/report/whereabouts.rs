@@ -1,14 +1,16 @@
-//! The second figure: the location of the gap.
+//! The second and third sections: the location of the gap, and what remains.
 
 use nalgebra::DMatrix;
 use ndarray::Array2;
 use plid_report::{Axis, Bar, Bars, Chart, HeatMap, Report, Series, bars as bars_of, chart, heat_map};
 
-use super::words::{percent, with};
+use super::words::{percent, unbroken, with};
 use super::{GIVEN, WITH};
+use crate::answer::statements::what_remains;
 use crate::diagnose::Outcome;
 use crate::effects::Side;
 use crate::judge::locate::{Estimate, LevelGap, Map, STRETCHES};
+use crate::words::band;
 
 /// Smallest visible share.
 const HOLDS: f64 = 0.0005;
@@ -82,12 +84,6 @@ fn part(side: Side) -> &'static str {
         Side::Disturbance => "disturbance",
         Side::Time => "change over time",
     }
-}
-
-/// Formats a band, "64 to 76 Hz", with as many digits as its width needs.
-fn band(from: f64, to: f64) -> String {
-    let digits = usize::from(to - from < 5.0) + usize::from(to - from < 0.5);
-    format!("{from:.digits$} to {to:.digits$} Hz")
 }
 
 /// Draws shares in per cent over bands. Bands above the last visible one are left out.
@@ -245,21 +241,33 @@ fn level_caption(outcome: &Outcome) -> String {
     )
 }
 
-/// Adds the location of the remainder, for the details.
+/// Adds the section on what remains.
+pub(super) fn remains(report: Report, outcome: &Outcome) -> Report {
+    let (diagnosis, shown) = (&outcome.diagnosis, &outcome.shown);
+    let words = what_remains(&diagnosis.remainder, &diagnosis.settings.answer);
+    let report = report.heading("3. What remains").paragraph(unbroken(&words));
+    if !(shown.after.share.sum() > 0.0) {
+        return report;
+    }
+    report.figure(
+        map(&shown.after, &shown.after.share, shown.outputs.clone()),
+        format!(
+            "Output by band: share of the squared gap that remains {}, in excess of the noise, in all fitted records.",
+            with(outcome)
+        ),
+    )
+}
+
+/// Adds the course of the remainder over time, for the details.
 pub(super) fn after(report: Report, outcome: &Outcome) -> Report {
     let shown = &outcome.shown;
     if !(shown.after.share.sum() > 0.0) {
         return report;
     }
-    report.details(format!("Where the remainder lies, {}", with(outcome)), |report| {
-        report
-            .figure(
-                map(&shown.after, &shown.after.share, shown.outputs.clone()),
-                "Output by band: share of the remaining squared gap, in excess of the noise.",
-            )
-            .figure(
-                map(&shown.after, &shown.after.time, stretches(outcome)),
-                "Time by band: share of the remaining squared gap, in excess of the noise.",
-            )
+    report.details(format!("When the remainder occurs, {}", with(outcome)), |report| {
+        report.figure(
+            map(&shown.after, &shown.after.time, stretches(outcome)),
+            "Time by band: share of the remaining squared gap, in excess of the noise.",
+        )
     })
 }

@@ -1,6 +1,7 @@
 //! Numbers and names in the report.
 
 use crate::answer::schema::{Explanation, Located};
+use crate::answer::statements::of_records;
 use crate::diagnose::Outcome;
 use crate::judge::verdict::Verdict;
 
@@ -70,14 +71,24 @@ pub(super) fn worst(outcome: &Outcome) -> usize {
 
 /// Returns whether the gaps were measured on held-out records.
 pub(super) fn held_out(outcome: &Outcome) -> bool {
-    let fitted = |name: &String| outcome.shown.fitted.iter().any(|(other, ..)| other == name);
-    !outcome.diagnosis.gap.measured_on.iter().any(fitted)
+    !outcome.diagnosis.gap.measured_on_fitted
+}
+
+/// Says in a sentence what else the records were used for on which the gaps were measured.
+pub(super) fn records(outcome: &Outcome) -> String {
+    let gap = &outcome.diagnosis.gap;
+    of_records(&gap.measured_on, gap.measured_on_fitted)
+}
+
+/// Keeps the numbers of a sentence together with their per cent signs.
+pub(super) fn unbroken(sentence: &str) -> String {
+    sentence.replace(" %", "\u{a0}%")
 }
 
 /// States the earlier use of the records on which the gaps were measured.
 pub(super) fn kind(outcome: &Outcome) -> &'static str {
     if held_out(outcome) {
-        "held out from all fitting; the verdict used it to accept or reject explanations"
+        "held out from all fitting, but used by the verdict"
     } else {
         "a fitted record, because nothing could be held out"
     }

@@ -68,7 +68,7 @@ pub(super) fn related<'a>(
     };
     let new = |placed: &Placed| {
         let there = others.iter().any(|other| same(other, placed));
-        price.scope.admits(placed) && !there && !is_blind(problem, price.scope, placed)
+        price.scope.admits(placed) && !there && !is_blind(&problem.setting, price.scope.rules, placed)
     };
     let may_be_there = |effect: &&dyn Effect| {
         effect.name() != found.effect.name() && effect.places(&problem.setting).contains(&found.place)

@@ -25,11 +25,14 @@ impl Rules<'_> {
         !self.without.iter().any(|name| name == effect.name())
     }
 
+    /// Returns whether an effect may be named at all.
+    pub fn may_name(&self, effect: &dyn Effect) -> bool {
+        self.knows(effect) && !self.exclude.iter().any(|word| word == effect.name())
+    }
+
     /// Returns whether any effect that appears in this kind of observation may be named at all.
     pub fn may_show(&self, library: &Library, observed: Observation) -> bool {
-        let excluded = |effect: &dyn Effect| self.exclude.iter().any(|word| word == effect.name());
-        let may_be = |effect: &dyn Effect| self.knows(effect) && !excluded(effect);
-        library.effects().any(|effect| effect.observed_in() == observed && may_be(effect))
+        library.effects().any(|effect| effect.observed_in() == observed && self.may_name(effect))
     }
 
     /// Returns whether an effect may be named at a location.

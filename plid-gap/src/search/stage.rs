@@ -4,11 +4,11 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use crate::effects::Range;
+use crate::effects::{Range, Setting};
 use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem, sum_of_squares};
 use crate::fit::refit::clipped;
 use crate::search::price::Price;
-use crate::search::rules::Scope;
+use crate::search::rules::{Rules, Scope};
 use crate::search::screen::{Base, Entry, screen};
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
@@ -51,7 +51,7 @@ impl<'a> SearchStage<'a> {
         counts: [usize; 2],
     ) -> Self {
         let from = Start::new(quick, so_far, &price.scope.off);
-        let left_out = |placed: &Placed| there(placed) || is_blind(quick, price.scope, placed);
+        let left_out = |placed: &Placed| there(placed) || is_blind(&quick.setting, price.scope.rules, placed);
         let entries = screen(&from.base(quick, price.scope), price.scope.library, left_out);
         let incumbent = replaces.map(|placed| {
             let fit = from.fitted(quick, &[&from.effects[..], std::slice::from_ref(placed)].concat());
@@ -222,10 +222,10 @@ impl<'a> Start<'a> {
 
 /// Returns whether an effect is a contact whose displacement no output measures. Such a contact could be at any
 /// displacement, and a stop near rest resembles a stiffening spring, so it is not tried unless the case suspects it.
-pub(super) fn is_blind(problem: &Problem, scope: &Scope, placed: &Placed) -> bool {
+pub(crate) fn is_blind(setting: &Setting, rules: &Rules, placed: &Placed) -> bool {
     placed.effect.is_contact()
-        && problem.setting.d_range[problem.setting.port(&placed.place)].is_none()
-        && !scope.rules.suspects(placed, &scope.names)
+        && setting.d_range[setting.port(&placed.place)].is_none()
+        && !rules.suspects(placed, &setting.names)
 }
 
 /// Returns whether the parameters are consistent with the effects' names.

@@ -138,7 +138,7 @@ fn start(plant: &Plant, response: &DMatrix<C>, power: &[f64], k: usize, hz: f64)
     let s = C::new(0.0, std::f64::consts::TAU * hz);
     let shape = DMatrix::from_fn(plant.p, plant.m, |o, i| {
         let chain = plant.chain.behind(o, s) * plant.chain.before(i, s);
-        let sensed = s.powi(plant.sensed[o].order) / C::new(0.0, 2.0 * damping * s.norm_sqr());
+        let sensed = s.powi(plant.sensed[o].order_of_added()) / C::new(0.0, 2.0 * damping * s.norm_sqr());
         (response[(o, i)] / (chain * sensed)).re
     });
     let svd = shape.svd(true, true);

@@ -151,10 +151,11 @@ fn verdict(outcome: &Outcome) -> Vec<String> {
     let validation = &outcome.validation;
     let states: usize = outcome.form.indices().iter().sum();
     let free_run = validation.free_run_errors.overall_relative;
+    if free_run.is_nan() {
+        return vec![format!("A model of {states} states cannot be judged: all held-out outputs are constant.")];
+    }
     let simulated = if free_run.is_finite() {
         format!("simulates held-out data with an error of {}", percent(free_run))
-    } else if free_run.is_nan() {
-        "cannot be judged in simulation, because all held-out outputs are constant,".into()
     } else {
         "diverges in simulation of held-out data".into()
     };

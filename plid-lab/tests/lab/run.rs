@@ -225,6 +225,31 @@ fn an_output_that_never_moves_does_not_diverge() {
     assert!(!std::fs::read_to_string(out.join("report.html")).unwrap().contains("diverges in simulation"));
 }
 
+#[test]
+fn held_out_outputs_that_never_move_are_not_judged() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut text = String::from("force,left,right\n");
+    for (k, line) in Plant::new(false).csv(600, 0.02, 4).lines().skip(1).enumerate() {
+        let row: Vec<f64> = line.split(',').map(|x| x.parse().unwrap()).collect();
+        // Without their means. The last quarter is held out.
+        let moves = if k < 440 { 1.0 } else { 0.0 };
+        writeln!(text, "{},{},{}", row[1] - 5.0, moves * (row[2] - 40.0), moves * (row[3] + 2e3)).unwrap();
+    }
+    std::fs::write(directory.path().join("a.csv"), text).unwrap();
+    let rest = "sample_rate_hz = 100.0\n[preparation]\ntrend = \"none\"\n[structure]\nstates = 4\n";
+    let outcome = carry_out(&config("\"a.csv\"", rest), directory.path());
+    assert!(outcome.validation.free_run_errors.overall_relative.is_nan());
+    assert!(!outcome.warnings.iter().any(|warning| warning.contains("diverges")), "{:?}", outcome.warnings);
+    let out = directory.path().join("out");
+    run::write(&outcome, &out).unwrap();
+    let result: serde_json::Value = serde_json::from_slice(&std::fs::read(out.join("result.json")).unwrap()).unwrap();
+    let free_run = &result["held_out"]["free_run"];
+    assert!(free_run["diverges"] == false && free_run.get("overall_relative").is_none(), "{free_run}");
+    let report = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(report.contains("A model of 4 states cannot be judged: all held-out outputs are constant."));
+    assert!(!report.contains("diverges") && !report.contains("has a simulation error of"));
+}
+
 /// Asks for an end at the n-th question.
 pub(super) struct StopAt(pub(super) AtomicUsize, pub(super) usize);
 

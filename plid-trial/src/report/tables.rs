@@ -31,7 +31,7 @@ pub(super) fn targets(report: Report, scores: &Scores) -> Report {
             number(target.found, 3),
             Cell::Number(ends),
             target.of.into(),
-            Cell::Number(format!("{sign} {}", target.bound)),
+            Cell::Number(format!("{sign} {:.3}", target.bound)),
             reached.into(),
         ]);
     }
