@@ -25,6 +25,7 @@ pub struct HeatMap {
     pub range: Option<(f64, f64)>,
 }
 
+/// Least height of a row.
 const CELL: f64 = 30.0;
 const BAR: f64 = 14.0;
 const TOP: f64 = 8.0;
@@ -41,18 +42,19 @@ pub fn heat_map(map: &HeatMap) -> String {
     let longest = map.rows.iter().map(|name| style::text_width(name, style::LABEL_SIZE)).fold(0.0, f64::max);
     let left = (longest + 24.0).min(300.0);
     let cell_width = (style::WIDTH - left - 110.0) / columns.max(1) as f64;
-    let bottom = TOP + rows as f64 * CELL;
+    let cell = cell_height(map);
+    let bottom = TOP + rows as f64 * cell;
     let mut canvas = Canvas::new(style::WIDTH);
     for ((i, j), value) in map.values.indexed_iter() {
-        let (x, y) = (left + j as f64 * cell_width, TOP + i as f64 * CELL);
+        let (x, y) = (left + j as f64 * cell_width, TOP + i as f64 * cell);
         let fill = if value.is_finite() { colour(share(*value)) } else { Color::from("#ffffff") };
-        rectangle(&mut canvas, (x, y, cell_width, CELL), fill);
+        rectangle(&mut canvas, (x, y, cell_width, cell), fill);
         let text = if value.is_finite() { format_tick(rounded(*value)) } else { "–".into() };
         if style::text_width(&text, style::TICK_SIZE) < cell_width - 4.0 {
             let ink = if share(*value) > 0.55 || !value.is_finite() { "#111111" } else { "#ffffff" };
             canvas.scene.add(Primitive::Text {
                 x: x + cell_width / 2.0,
-                y: y + CELL / 2.0 + 4.0,
+                y: y + cell / 2.0 + 4.0,
                 content: text,
                 size: style::TICK_SIZE,
                 anchor: kuva::render::render::TextAnchor::Middle,
@@ -64,7 +66,7 @@ pub fn heat_map(map: &HeatMap) -> String {
     }
     for (i, name) in map.rows.iter().take(rows).enumerate() {
         let name = style::fitted(name, style::LABEL_SIZE, left - 12.0);
-        canvas.text(&name, left - 8.0, TOP + (i as f64 + 0.5) * CELL + 4.0, Text::End);
+        canvas.text(&name, left - 8.0, TOP + (i as f64 + 0.5) * cell + 4.0, Text::End);
     }
     // Names that would run into each other are thinned.
     let widest = map.columns.iter().map(|name| style::text_width(name, style::LABEL_SIZE)).fold(1.0, f64::max);
@@ -75,6 +77,13 @@ pub fn heat_map(map: &HeatMap) -> String {
     canvas.text(&map.column_label, left + columns as f64 * cell_width / 2.0, bottom + 37.0, Text::Middle);
     colour_bar(&mut canvas, &map.value_label, (low, high), bottom);
     canvas.finish(bottom + 46.0)
+}
+
+/// Returns the height of a row. The label of the colour bar runs upwards beside all rows, and a few rows are higher so
+/// that it fits.
+fn cell_height(map: &HeatMap) -> f64 {
+    let label = style::text_width(&map.value_label, style::LABEL_SIZE) + 4.0;
+    CELL.max(label / map.values.nrows().max(1) as f64)
 }
 
 fn colour_bar(canvas: &mut Canvas, label: &str, range: (f64, f64), bottom: f64) {
@@ -138,6 +147,26 @@ mod tests {
         };
         assert!(count(&first) >= 1 && count(&last) >= 1);
         assert!(svg.contains(">–<") && svg.contains(">0.5<") && svg.contains("&lt;1&gt;"));
+    }
+
+    /// The label of the colour bar fits beside a single row.
+    #[test]
+    fn a_single_row_is_as_high_as_the_label_beside_it() {
+        let labelled = |rows: usize, label: &str| {
+            let (rows, values) = (vec![String::new(); rows], Array2::zeros((rows, 2)));
+            let map = HeatMap {
+                rows,
+                values,
+                columns: vec!["1".into(), "2".into()],
+                column_label: "band, Hz".into(),
+                value_label: label.into(),
+                range: None,
+            };
+            cell_height(&map)
+        };
+        let label = "share of the squared gap, %";
+        assert!(labelled(1, label) > style::text_width(label, style::LABEL_SIZE));
+        assert_eq!((labelled(1, ""), labelled(20, label)), (CELL, CELL));
     }
 
     #[test]

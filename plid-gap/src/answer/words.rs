@@ -65,7 +65,8 @@ pub(crate) fn words(
     }));
     words.extend(held_out.map(|held_out| {
         format!(
-            "On the held-out records its log likelihood exceeds that of the refit by {} ({:.0} standard deviations){}.",
+            "On the held-out records, the best explanation fits better than the refit by {} ({:.0} standard \
+            deviations){}.",
             likelihood(held_out.gain / 2.0),
             held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
             if held_out.refutes(judge) { ", too little for it to be accepted" } else { "" },
