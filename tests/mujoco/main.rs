@@ -40,9 +40,7 @@ fn causes_and_rivals() -> Library {
         "sensor-gain",
         "sensor-lag",
     ];
-    let all = Library::standard();
-    let others: Vec<String> = all.effects().map(|e| e.name().to_owned()).filter(|e| !few.contains(&&**e)).collect();
-    let library = all.without(&others);
+    let library = Library::standard().only(&few);
     assert_eq!(library.effects().count(), few.len(), "a name of the list is not an effect");
     library
 }

@@ -38,25 +38,25 @@ fn need_a_port(setting: &Setting, effects: &[&dyn Effect]) -> Option<String> {
 /// Names the contacts that were not tried at ports where no output measures the displacement.
 fn need_a_suspicion(setting: &Setting, effects: &[&dyn Effect], rules: &Rules) -> Option<String> {
     let (mut names, mut places) = (Vec::new(), Vec::new());
+    let add = |list: &mut Vec<String>, new: String| {
+        if !list.contains(&new) {
+            list.push(new);
+        }
+    };
     for &effect in effects.iter().filter(|effect| effect.is_contact()) {
         for place in effect.places(setting) {
             let placed = Placed { effect, place, parameters: Vec::new() };
             if rules.allow(&placed, &setting.names) && is_blind(setting, rules, &placed) {
-                names.push(effect.name());
-                places.push(placed.place.location(&setting.names));
+                add(&mut names, format!("`{}`", effect.name()));
+                add(&mut places, placed.place.location(&setting.names));
             }
         }
     }
-    let unique = |all: Vec<String>| {
-        let first = |k: &usize| !all[..*k].contains(&all[*k]);
-        (0..all.len()).filter(first).map(|k| all[k].clone()).collect::<Vec<String>>()
-    };
-    let names = unique(names.into_iter().map(|name| format!("`{name}`")).collect());
     (!names.is_empty()).then(|| {
         format!(
             "Not considered at {}, because no output measures the displacement there: {}. Name an effect in `suspects` \
             if the motion may reach a stop.",
-            unique(places).join(" and "),
+            places.join(" and "),
             names.join(", ")
         )
     })

@@ -66,8 +66,8 @@ fn nearest(effects: &[Located]) -> String {
     let all: Vec<String> = effects.iter().map(|e| format!("{} at {}", e.effect, e.location)).collect();
     match all.len() {
         0 => String::new(),
-        1 => format!("; {} comes nearest to explaining it", all[0]),
-        _ => format!("; {} come nearest to explaining it", all.join(" and ")),
+        1 => format!("; {} comes nearest to explaining the remainder", all[0]),
+        _ => format!("; {} come nearest to explaining the remainder", all.join(" and ")),
     }
 }
 
@@ -89,7 +89,7 @@ pub(crate) fn of_records(measured_on: &[String], fitted: bool) -> String {
     let them = if measured_on.len() == 1 { "it" } else { "them" };
     format!(
         "The gaps are those of {on}. No fit used {them}, but the verdict did, and the choice between explanations may \
-        have; a record that nothing has seen may show larger gaps."
+        have; a new record may show larger gaps."
     )
 }
 
@@ -123,7 +123,7 @@ mod tests {
             is 0.19 % of the squared gap as given, mostly at y2 (70.0 %) and y1 (28.0 %), at 10.0 to 12.0 Hz (80.0 %); \
             35.0 % of its power, noise included, repeats in every period. The probability of a further cause above \
             what the case calls material is 12 %; clearance at input:u1 and quadratic-damping at input:u1 come nearest \
-            to explaining it."
+            to explaining the remainder."
         );
         let bare = Remainder { repeats: None, place: Default::default(), nearest: Vec::new(), ..remainder() };
         assert!(what_remains(&bare, &settings).contains("of the squared gap as given. The probability"));

@@ -71,15 +71,19 @@ impl Record {
 
     /// Returns measured minus simulated outputs (p channels); zero where a sample is missing.
     pub fn error(&self, simulated: &[Vec<f64>]) -> Channels {
-        let one = |(y, s): (&Vec<f64>, &Vec<f64>)| {
-            y.iter().zip(s).map(|(y, s)| if y.is_finite() { y - s } else { 0.0 }).collect()
-        };
-        self.y.iter().zip(simulated).map(one).collect()
+        self.error_or(0.0, simulated)
     }
 
     /// Returns measured minus simulated outputs (p channels); NaN where a sample is missing.
     pub(crate) fn error_where_measured(&self, simulated: &[Vec<f64>]) -> Channels {
-        let one = |(y, s): (&Vec<f64>, &Vec<f64>)| y.iter().zip(s).map(|(y, s)| y - s).collect();
+        self.error_or(f64::NAN, simulated)
+    }
+
+    /// Returns measured minus simulated outputs (p channels), with this value where a sample is missing.
+    fn error_or(&self, missing: f64, simulated: &[Vec<f64>]) -> Channels {
+        let one = |(y, s): (&Vec<f64>, &Vec<f64>)| {
+            y.iter().zip(s).map(|(y, s)| if y.is_finite() { y - s } else { missing }).collect()
+        };
         self.y.iter().zip(simulated).map(one).collect()
     }
 

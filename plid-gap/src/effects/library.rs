@@ -23,6 +23,12 @@ impl Library {
         self
     }
 
+    /// Keeps only the effects of these names, for a search that is short.
+    pub fn only(mut self, names: &[&str]) -> Self {
+        self.effects.retain(|effect| names.contains(&effect.name()));
+        self
+    }
+
     /// Returns all effects.
     pub fn effects(&self) -> impl Iterator<Item = &dyn Effect> {
         self.effects.iter().map(AsRef::as_ref)
