@@ -5,12 +5,13 @@ use std::time::Duration;
 
 use ndarray::Array2;
 use plid::gap::GapError;
-use plid::gap::case::{Case, CaseConfig, SimulatorConfig, columns};
+use plid::gap::answer::predict::Prediction;
+use plid::gap::case::{Case, CaseConfig, Channels, SimulatorConfig, columns};
 use plid::gap::effects::Library;
 use plid::gap::in_loop::{self, LoopPredictor};
 use plid::simulator::Command;
 
-use super::predict::{Stated, say};
+use super::predict::{Arguments, Stated, own_outputs, say, sum};
 use super::serve_fmu::Choice;
 use super::{Failure, Voice, directory, progress::Spinner, table, voice};
 
@@ -58,16 +59,14 @@ pub fn is_of_simulator(simulation: &Path) -> Result<bool, Failure> {
     Ok(format.is_some_and(|json| json["format"] == in_loop::FORMAT))
 }
 
-/// Predicts the outputs for a new input with the program or the FMU of the diagnosis.
-pub fn predict(
-    simulation: &Path,
-    library: &Library,
-    (input, out): (&Path, &Path),
-    t0: Option<f64>,
-    folder: &Path,
-    stated: Option<Stated>,
-    voice: Voice,
-) -> Result<(), Failure> {
+/// Predicts the outputs for a new input with the program or the FMU of the diagnosis. If outputs of the engineer's own
+/// simulator are given, the change from the simulator as given is added to these.
+pub fn predict(arguments: &Arguments, simulation: &Path, library: &Library, voice: Voice) -> Result<(), Failure> {
+    let Arguments { input, out, t0, folder, simulated, measured, .. } = arguments;
+    if measured.is_some() {
+        let message = "--measured: the simulator of this diagnosis contains its controller, so no feedback is removed";
+        return Err(Failure::input(message.to_string()));
+    }
     let predictor = LoopPredictor::read(simulation, library)?;
     let written = &predictor.written;
     if written.command.is_empty() && written.fmu.is_none() {
@@ -79,10 +78,15 @@ pub fn predict(
     if !t0.is_finite() {
         return Err(Failure::input(format!("--t0 {t0}: give a time in seconds")));
     }
+    let read = |file: &Path, names: &[String]| -> Result<Channels, Failure> {
+        let record = table::read(file)?;
+        table::require_rate(&record, file, written.simulator.rate_hz, simulation)?;
+        Ok(columns(&table::pick(&record, names)?))
+    };
     let names: Vec<String> = written.simulator.inputs.iter().map(|input| input.name.clone()).collect();
-    let record = table::read(input)?;
-    table::require_rate(&record, input, written.simulator.rate_hz, simulation)?;
-    let u = columns(&table::pick(&record, &names)?);
+    let outputs: Vec<String> = written.simulator.outputs.iter().map(|output| output.name.clone()).collect();
+    let u = read(input, &names)?;
+    let own = simulated.as_ref().map(|file| own_outputs(file, read(file, &outputs)?, &u)).transpose()?;
     let mut simulator = match &written.fmu {
         None => Command::start(&written.command, folder, Command::PATIENCE).map_err(GapError::from)?,
         Some(source) => {
@@ -90,10 +94,17 @@ pub fn predict(
             choice.start(Path::new(&source.file), folder, Command::PATIENCE)?
         }
     };
-    let prediction = predictor.predict(&mut simulator, &u, t0)?;
+    let prediction = match own {
+        None => predictor.predict(&mut simulator, &u, t0)?,
+        Some(own) => {
+            let prediction = predictor.predict_change(&mut simulator, &u, t0)?;
+            let change = prediction.change.as_ref().unwrap_or(&prediction.correction);
+            Prediction { outputs: sum(&own, change), ..prediction }
+        }
+    };
     let y = &prediction.outputs;
-    let outputs: Vec<String> = written.simulator.outputs.iter().map(|output| output.name.clone()).collect();
     let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);
     table::write_csv(out, &outputs, &values)?;
-    say((out, y[0].len()), t0, predictor.expected_gap(&prediction), stated, prediction.beyond, voice)
+    let (gap, stated) = (predictor.expected_gap(&prediction), Stated::read(&arguments.diagnosis));
+    say((out.as_path(), y[0].len()), t0, gap, stated, prediction.beyond, voice)
 }

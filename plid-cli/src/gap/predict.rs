@@ -18,36 +18,34 @@ use super::{Failure, Voice, in_loop, table, voice};
 pub struct Arguments {
     /// A diagnosis.json written by `plid gap diagnose`.
     #[arg(long, value_name = "FILE")]
-    diagnosis: PathBuf,
+    pub(super) diagnosis: PathBuf,
     /// The input, with one column named after each input of the simulation; in closed loop, after each reference.
     #[arg(long, value_name = "FILE")]
-    input: PathBuf,
+    pub(super) input: PathBuf,
     /// The outputs, CSV.
     #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    pub(super) out: PathBuf,
     /// Outputs measured in closed loop, if the input is the command recorded with them: the feedback is removed.
     #[arg(long, value_name = "FILE")]
-    measured: Option<PathBuf>,
+    pub(super) measured: Option<PathBuf>,
     /// Start time since the first record began, for drifts and hum [default: end of the last record].
     #[arg(long, value_name = "SECONDS")]
-    t0: Option<f64>,
+    pub(super) t0: Option<f64>,
     /// Folder in which the simulator program of the diagnosis is started, if there is one; use the folder of its case
     /// [default: the current folder].
     #[arg(long, value_name = "DIR", default_value = ".")]
-    folder: PathBuf,
+    pub(super) folder: PathBuf,
     /// Outputs of your own simulator for that input: the change due to the refit and the effects is added to them.
     #[arg(long, value_name = "FILE")]
-    simulated: Option<PathBuf>,
+    pub(super) simulated: Option<PathBuf>,
 }
 
 /// Runs the command.
 pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     let simulation = arguments.diagnosis.with_file_name("sim-with-effect.json");
     arguments.overwrites_nothing(&simulation)?;
-    let stated = Stated::read(&arguments.diagnosis);
     if in_loop::is_of_simulator(&simulation)? {
-        let Arguments { input, out, t0, folder, .. } = &arguments;
-        return in_loop::predict(&simulation, library, (input, out), *t0, folder, stated, voice);
+        return in_loop::predict(&arguments, &simulation, library, voice);
     }
     let predictor = Predictor::read(&simulation, library)?;
     let u = arguments.driving(&predictor, &simulation)?;
@@ -59,20 +57,30 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
     let y = match &arguments.simulated {
         None => prediction.outputs.clone(),
         Some(file) => {
-            let own = read(file, &predictor, &predictor.model.outputs, &simulation)?;
-            let (rows, inputs) = (own[0].len(), u[0].len());
-            if rows != inputs {
-                return Err(Failure::input(format!("{}: {rows} rows, but the input has {inputs}", file.display())));
-            }
+            let own = own_outputs(file, read(file, &predictor, &predictor.model.outputs, &simulation)?, &u)?;
             // A file from an earlier version does not contain the simulation as given.
-            let change = prediction.change.as_ref().unwrap_or(&prediction.correction);
-            own.iter().zip(change).map(|(y, c)| y.iter().zip(c).map(|(y, c)| y + c).collect()).collect()
+            sum(&own, prediction.change.as_ref().unwrap_or(&prediction.correction))
         }
     };
     let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);
     table::write_csv(&arguments.out, &predictor.model.outputs, &values)?;
     let gap = predictor.expected_gap(&prediction, &y);
+    let stated = Stated::read(&arguments.diagnosis);
     say((&arguments.out, y[0].len()), t0, gap, stated, prediction.beyond, voice)
+}
+
+/// Returns the outputs of the engineer's own simulator, if they have a row for each row of the inputs.
+pub(super) fn own_outputs(file: &Path, own: Channels, inputs: &[Vec<f64>]) -> Result<Channels, Failure> {
+    let (rows, inputs) = (own[0].len(), inputs[0].len());
+    if rows == inputs {
+        return Ok(own);
+    }
+    Err(Failure::input(format!("{}: {rows} rows, but the input has {inputs}", file.display())))
+}
+
+/// Returns the sum of the same channels.
+pub(super) fn sum(a: &[Vec<f64>], b: &[Vec<f64>]) -> Channels {
+    a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a + b).collect()).collect()
 }
 
 /// The gap that a diagnosis states for a further record at full level, with its 80 % interval.
@@ -84,7 +92,7 @@ pub(super) struct Stated {
 impl Stated {
     /// Reads the statement of a diagnosis.json. The prediction does not depend on it, so a file that is absent or does
     /// not contain it is no error.
-    fn read(diagnosis: &Path) -> Option<Self> {
+    pub(super) fn read(diagnosis: &Path) -> Option<Self> {
         let json: serde_json::Value = serde_json::from_slice(&std::fs::read(diagnosis).ok()?).ok()?;
         let gap = &json["gap"];
         let end = |k: usize| gap["predicted_ci80"][k].as_f64();

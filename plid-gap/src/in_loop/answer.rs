@@ -19,6 +19,7 @@ use crate::in_loop::coupling::Response;
 use crate::in_loop::judge::{Judged, confidence};
 use crate::in_loop::problem::{Fit, Problem};
 use crate::judge::family::Family;
+use crate::judge::locate::Estimate;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::settings::{GapSettings, LoopSettings};
 
@@ -50,6 +51,9 @@ pub struct LoopDiagnosis {
     pub refit: BTreeMap<String, [f64; 3]>,
     /// Thresholds of the diagnosis.
     pub settings: GapSettings,
+    /// The evidence in sentences.
+    #[serde(default)]
+    pub evidence: Vec<String>,
     /// Warnings.
     pub warnings: Vec<String>,
 }
@@ -71,7 +75,8 @@ pub struct LoopGap {
     pub shrink_ci95: [f64; 2],
     /// One minus the ratio of `with_effect` to `refit`, both beyond the noise.
     pub shrink_over_refit: f64,
-    /// The gap at the highest level, as predicted from the fitted records before any held-out record is opened.
+    /// The gap to expect of the simulation that is written, at the highest level: that with which the fitted records
+    /// are predicted from one another. No held-out record enters this figure.
     pub predicted_held_out_gap: f64,
     /// The 80 % interval of the prediction.
     pub predicted_ci80: [f64; 2],
@@ -129,7 +134,7 @@ impl WrittenPort {
 }
 
 /// Returns the effects of an explanation with intervals and confidence, the largest share first.
-pub(super) fn named(problem: &Problem, best: &Fit, weighted: &[Weighted], shares: &[Option<f64>]) -> Vec<NamedEffect> {
+pub(super) fn named(problem: &Problem, best: &Fit, weighted: &[Weighted], shares: &[Estimate]) -> Vec<NamedEffect> {
     let setting = &problem.setting;
     let mut at = 0;
     let mut named = Vec::new();
@@ -156,8 +161,8 @@ pub(super) fn named(problem: &Problem, best: &Fit, weighted: &[Weighted], shares
             location: placed.place.location(&setting.names),
             confidence: confidence(weighted, placed),
             family: Family::of(placed, weighted),
-            share: *share,
-            share_ci95: None,
+            share: Some(share.value),
+            share_ci95: Some(share.ci95),
             parameters,
             change,
             shape_differs: false,

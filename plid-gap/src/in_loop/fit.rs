@@ -23,7 +23,11 @@ const LONGEST: f64 = 1.5;
 
 /// The damping starts small because starting values are close, and few dampings are tried because each takes a run of
 /// every record.
-const DAMPING: Damping = Damping { start: 1e-3, shrink: 0.1, grow: 10.0, least: 1e-15, tries: 3, factors: &[1.0] };
+const DAMPING: Damping = Damping { start: 1e-3, shrink: 0.1, grow: 10.0, least: 1e-15, tries: TRIES, factors: &[1.0] };
+
+/// Number of dampings that are tried for a step. A step is begun only if the bounds allow a run of every record for
+/// each of them.
+pub(super) const TRIES: usize = 3;
 
 /// A problem together with the runs of the simulator.
 struct Fitting<'f, 'a, 's> {
@@ -62,6 +66,15 @@ impl<'a> Problem<'a> {
         Fit { covariance: self.covariance(&found.equations, &found.point, spread), ..found.point }
     }
 
+    /// Takes one Gauss-Newton step from a point with known derivatives, if the step lowers the cost. It takes one run
+    /// of every record.
+    pub fn stepped(&self, runs: &mut Runs, start: Fit<'a>) -> Fit<'a> {
+        let mut fitting = Fitting { problem: self, runs: Mutex::new(runs), slopes: None };
+        let once = Stop { steps: 1, ..Stop::default() };
+        let Ok(found) = minimise(&mut fitting, start, Damping { tries: 1, ..DAMPING }, once);
+        found.point
+    }
+
     /// Returns the covariance that an answer states. Noise (p standard deviations) averages out over a record. The
     /// remainder of an explanation beyond the noise does not: it is the error of a law or of an integrator, and it is
     /// as coherent as the trace of a parameter. The remainder is assumed to hide an error of its own size in the
@@ -83,7 +96,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Returns the finite differences of the outputs for small steps of each parameter of the effects.
-    fn slopes(&self, runs: &mut Runs, at: &Fit<'a>) -> Slopes {
+    pub fn slopes(&self, runs: &mut Runs, at: &Fit<'a>) -> Slopes {
         let by_one = |simulated: Result<Vec<Channels>, _>| {
             // If a parameter at its bound does not move, or if the simulator fails there, the derivative is zero.
             let moved = simulated.unwrap_or_else(|_| at.simulated.clone());
@@ -118,12 +131,17 @@ impl<'a> Problem<'a> {
         (0..count).map(|k| self.moved(at, unit(k).as_slice())).collect()
     }
 
+    /// Returns the number of runs that the derivatives at a point take.
+    pub fn runs_of_slopes(&self, runs: &Runs, at: &Fit<'a>) -> usize {
+        self.needed(runs, &self.shifted(at))
+    }
+
     /// Returns the number of runs that the derivatives and a step with all of its dampings take.
     fn runs_of_step(&self, runs: &Runs, at: &Fit<'a>) -> usize {
         let all = vec![DIFFERENCE; at.parameters() + self.nuisances.len()];
         let step = self.needed(runs, &[self.moved(at, &all)]);
-        let derivatives = if at.slopes.is_some() { 0 } else { self.needed(runs, &self.shifted(at)) };
-        derivatives + DAMPING.tries * step
+        let derivatives = if at.slopes.is_some() { 0 } else { self.runs_of_slopes(runs, at) };
+        derivatives + TRIES * step
     }
 
     /// Returns the effects and nuisances after a step, which is in the logarithm of a positive parameter and in the

@@ -95,6 +95,23 @@ pub(super) struct Judged<'a> {
     pub not_separable: Vec<Vec<Placed<'a>>>,
 }
 
+impl Judged<'_> {
+    /// Refuses the best explanation because other records refute it: something else is at work, with at least this
+    /// probability.
+    pub fn refuse(&mut self, least: f64) {
+        let probability = |unknown: bool| -> f64 {
+            self.weighted.iter().filter(|w| w.unknown == unknown).map(|w| w.probability).sum()
+        };
+        let (known, before) = (probability(false), probability(true));
+        let unknown = before.max(least);
+        self.weighted.retain(|w| !w.unknown);
+        self.weighted.iter_mut().for_each(|w| w.probability *= (1.0 - unknown) / known);
+        self.weighted.push(Weighted { effects: Vec::new(), unknown: true, probability: unknown, cost: None });
+        self.weighted.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        self.verdict = Verdict::Unknown;
+    }
+}
+
 /// Judges the explanations of a search.
 pub(super) fn judge<'a>(
     search: &Search<'_, 'a>,

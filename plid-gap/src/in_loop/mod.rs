@@ -11,6 +11,7 @@ mod answer;
 mod answered;
 mod bounds;
 mod coupling;
+mod crossed;
 mod exchange;
 mod fit;
 mod judge;
@@ -26,6 +27,7 @@ mod report;
 mod runs;
 mod screen;
 mod search;
+mod side;
 mod slopes;
 mod stand_in;
 mod survey;
@@ -53,6 +55,7 @@ use crate::in_loop::parameter::SimulatorParameter;
 use crate::in_loop::problem::{Nuisance, Problem};
 use crate::in_loop::runs::Runs;
 use crate::in_loop::search::Search;
+use crate::in_loop::side::places;
 use crate::in_loop::survey::{Survey, survey};
 use crate::search::rules::{Rules, Scope, require_names};
 
@@ -74,6 +77,8 @@ pub struct Shown {
     pub rate: f64,
     /// Names of the outputs (p).
     pub outputs: Vec<String>,
+    /// Unit of each output, if it is known.
+    pub units: Vec<Option<String>>,
     /// The outputs: measured, simulated as given, and simulated with the effects (p channels each).
     pub trace: [Channels; 3],
     /// For each output, pairs of a frequency in Hz and the density of the noise there.
@@ -154,15 +159,15 @@ pub fn diagnose_in_loop(
     if !found.fits[0].effects.is_empty() {
         found.fits[0].covariance = problem.stated_covariance(&mut runs, &found.fits[0], &noise.std);
     }
-    let judged = judge(&search, &problem, &found, &settings.judge);
+    let mut judged = judge(&search, &problem, &found, &settings.judge);
     let opened = Opened { case, problem: &problem, noise: &noise, held_out: &held_out };
-    let measured = opened.measure(&mut runs, &found, &judged)?;
-    let simulation = opened.simulation(&mut runs, &found, &judged, written_ports, &measured.gap)?;
-    Ok(opened.outcome(
-        &Told { runs: &runs, search: &search, found: &found, judged: &judged, warnings },
-        &measured,
-        simulation,
-    ))
+    say("measuring the gaps".into());
+    runs.bind(Bounds::of(&settings.in_loop, motion_runs(&problem), problem.samples()));
+    let measured = opened.measure(&mut runs, &found, &mut judged)?;
+    let places = places(&problem, &mut runs, &found, &noise.std, &settings.judge);
+    let simulation = opened.simulation(&mut runs, &measured, written_ports)?;
+    let told = Told { runs: &runs, search: &search, found: &found, judged: &judged, places: &places, warnings };
+    Ok(opened.outcome(&told, &measured, simulation))
 }
 
 /// Returns the number of runs that follow a search: the derivatives of an explanation whose effects have two parameters
@@ -170,8 +175,12 @@ pub fn diagnose_in_loop(
 /// each fitted record for the range of the motion.
 fn closing_runs(search: &Search, problem: &Problem, held_out: &[Record]) -> usize {
     let (effects, fitted) = (search.settings.effects, problem.records.len());
-    let motion = if problem.setting.names.ports.is_empty() { 0 } else { fitted };
-    2 * effects * fitted + (3 + effects) * held_out.len().max(1) + motion
+    2 * effects * fitted + (3 + effects) * held_out.len().max(1) + motion_runs(problem)
+}
+
+/// Returns the number of runs for the range of the motion, which come last.
+fn motion_runs(problem: &Problem) -> usize {
+    if problem.setting.names.ports.is_empty() { 0 } else { problem.records.len() }
 }
 
 /// # Errors

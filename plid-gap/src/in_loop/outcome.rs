@@ -1,12 +1,12 @@
 //! The construction of the answer from a judged search.
 
 use crate::answer::range::FittedRange;
-use crate::answer::schema::{Located, Remainder, RemainderPlace, Used, Where};
+use crate::answer::schema::{Located, Remainder, RemainderPlace, Used};
 use crate::answer::simulation::written_effect;
-use crate::answer::{MOST_NEAREST, whereabouts};
+use crate::answer::{MOST_NEAREST, place, whereabouts};
 use crate::case::SimulatorConfig;
 use crate::case::record::{Channels, Record};
-use crate::effects::{Names, Place, Side};
+use crate::effects::{Names, Place};
 use crate::error::GapError;
 use crate::evidence::repetition::repeats;
 use crate::fit::candidate::{all_same, in_words, same};
@@ -18,9 +18,10 @@ use crate::in_loop::predict::FORMAT;
 use crate::in_loop::runs::Runs;
 use crate::in_loop::screen::Entry;
 use crate::in_loop::search::{Found, Search};
-use crate::in_loop::{LoopGap, LoopOutcome, Shown};
+use crate::in_loop::{LoopOutcome, Shown};
 use crate::judge::gap;
-use crate::judge::locate;
+use crate::judge::locate::{self, Map};
+use crate::judge::side::PlaceShare;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::noise::NoiseModel;
 
@@ -37,6 +38,8 @@ pub(super) struct Told<'t, 's, 'a> {
     pub found: &'t Found<'a>,
     /// The judgement of the result.
     pub judged: &'t Judged<'a>,
+    /// The share of the residual that each place explains.
+    pub places: &'t [PlaceShare],
     /// Warnings about the records.
     pub warnings: Vec<String>,
 }
@@ -46,7 +49,7 @@ impl<'a> Opened<'_, 'a> {
     pub fn outcome(
         &self,
         told: &Told<'_, '_, 'a>,
-        measured: &Measured,
+        measured: &Measured<'a>,
         simulation: SimulatorWithEffects,
     ) -> LoopOutcome {
         let Told { runs, found, judged, .. } = told;
@@ -64,16 +67,23 @@ impl<'a> Opened<'_, 'a> {
             let name = nuisance.place.location(names);
             (name, [nuisance.value, nuisance.value + eta * nuisance.std, *eta])
         });
+        let settings = &case.config.settings;
         let (calls, cut) = (runs.calls(), runs.cut());
         let mut warnings = told.warnings.clone();
-        warnings.extend(cut.map(|cut| answer::cut_short(cut, &case.config.settings.in_loop)));
+        warnings.extend(cut.map(|cut| answer::cut_short(cut, &settings.in_loop)));
         let diagnosis = LoopDiagnosis {
             verdict: judged.verdict,
             sentence,
             effects,
             candidates: answer::candidates(problem, &judged.weighted, gap_after),
             not_separable: if fitted { answer::class(problem, best, judged) } else { Vec::new() },
-            place: self.whereabouts(told, measured, &measured.given),
+            place: place(
+                &self.map(measured, &measured.given),
+                &names.outputs,
+                told.places,
+                &[],
+                (&settings.judge, &settings.answer),
+            ),
             gap: measured.gap.clone(),
             remainder: self.remainder(told, measured),
             simulator: Used {
@@ -85,22 +95,20 @@ impl<'a> Opened<'_, 'a> {
                 left_out: cut.map(|cut| cut.what.clone()).unwrap_or_default(),
             },
             refit: refit.collect(),
-            settings: case.config.settings.clone(),
+            settings: settings.clone(),
+            evidence: measured.evidence.clone(),
             warnings,
         };
         LoopOutcome { diagnosis, simulation, shown: self.shown(told, measured) }
     }
 
-    /// Returns the location of the errors of runs.
-    fn whereabouts(&self, told: &Told, measured: &Measured, y: &[Channels]) -> Where {
+    /// Returns the map of the errors of runs.
+    fn map(&self, measured: &Measured, y: &[Channels]) -> Map {
         let Self { case, problem, noise, .. } = self;
         let plant = &problem.setting.plant;
         let errors: Vec<Channels> = measured.records.iter().zip(y).map(|(record, y)| record.error(y)).collect();
         let white = NoiseModel::declared(plant, &noise.std, &vec![0.0; plant.m]);
-        let map = locate::map(&measured.records, &errors, &white, plant.rate, &case.config.settings);
-        let named = told.found.fits[0].effects.first();
-        let side = Some(named.map_or(Side::Structure, |placed| placed.effect.side()));
-        whereabouts(side, &map, &problem.setting.names.outputs, &case.config.settings.answer)
+        locate::map(&measured.records, &errors, &white, plant.rate, &case.config.settings)
     }
 
     /// Returns the remainder on the records on which the gap was measured.
@@ -108,7 +116,8 @@ impl<'a> Opened<'_, 'a> {
         let (found, names) = (told.found, &self.problem.setting.names);
         let (gap, material) = (&measured.gap, self.case.config.material);
         let beyond = |x: f64| (x * x - gap.noise_floor * gap.noise_floor).max(0.0);
-        let after = self.whereabouts(told, measured, &measured.with);
+        let map = self.map(measured, &measured.with);
+        let after = whereabouts(None, &map, &names.outputs, &self.case.config.settings.answer);
         let entries = found.screens.get(found.fits[0].effects.len()).map_or(&[][..], Vec::as_slice);
         let share = beyond(gap.with_effect) / beyond(gap.as_given).max(f64::MIN_POSITIVE);
         let further = blocks(&measured.records, &measured.with)
@@ -119,6 +128,7 @@ impl<'a> Opened<'_, 'a> {
             noise_unseen: !self.noise.seen,
             share_of_gap: share.min(1.0),
             further_cause: further,
+            material,
             repeats: repeats(&measured.records, |k| measured.with[k].clone()),
             place: RemainderPlace { channels: after.channels, bands_hz: after.bands_hz },
             nearest: distinct(entries).take(MOST_NEAREST).map(|placed| located(placed, names)).collect(),
@@ -141,6 +151,7 @@ impl<'a> Opened<'_, 'a> {
             record: measured.records[0].name.clone(),
             rate,
             outputs: names.outputs.clone(),
+            units: problem.setting.units.outputs.clone(),
             trace: [measured.records[0].y.clone(), measured.given[0].clone(), measured.with[0].clone()],
             screens: found.screens.iter().map(|entries| shown_entries(entries, names, found)).collect(),
             fits: fits.collect(),
@@ -152,16 +163,14 @@ impl<'a> Opened<'_, 'a> {
     pub fn simulation(
         &self,
         runs: &mut Runs,
-        found: &Found<'a>,
-        judged: &Judged,
+        measured: &Measured<'a>,
         ports: Vec<WrittenPort>,
-        gap: &LoopGap,
     ) -> Result<SimulatorWithEffects, GapError> {
         // This description does not contain the limits of the case, which are not part of the simulator that a
         // prediction runs.
         let description = runs.description().clone();
         let Self { case, problem, noise, .. } = self;
-        let fit = if judged.verdict == Verdict::Effects { &found.fits[0] } else { &found.refit };
+        let (fit, gap) = (&measured.written, &measured.gap);
         let all = problem.with_nuisances(&fit.effects, &fit.eta);
         let mut values = description.values();
         for placed in &all {

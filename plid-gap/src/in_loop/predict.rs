@@ -77,6 +77,30 @@ impl<'l> LoopPredictor<'l> {
     /// [`GapError::Simulator`] if the simulator fails; [`GapError::Failed`] if it is a different simulator;
     /// [`GapError::Diverged`] with the first sample that is out of bounds.
     pub fn predict(&self, simulator: &mut dyn Simulator, u: &[Vec<f64>], t0: f64) -> Result<Prediction, GapError> {
+        self.predicted(simulator, u, t0, false)
+    }
+
+    /// Predicts the outputs as [`LoopPredictor::predict`] does, with the change from the simulator as given: that by
+    /// the effects and that by the refit of the parameters. This always takes the second run.
+    ///
+    /// # Errors
+    /// The errors of [`LoopPredictor::predict`].
+    pub fn predict_change(
+        &self,
+        simulator: &mut dyn Simulator,
+        u: &[Vec<f64>],
+        t0: f64,
+    ) -> Result<Prediction, GapError> {
+        self.predicted(simulator, u, t0, true)
+    }
+
+    fn predicted(
+        &self,
+        simulator: &mut dyn Simulator,
+        u: &[Vec<f64>],
+        t0: f64,
+        with_change: bool,
+    ) -> Result<Prediction, GapError> {
         let checked = Checked::new(simulator)?;
         self.require_same(checked.description())?;
         let parameters = SimulatorParameter::all(&self.written.simulator.parameters);
@@ -97,9 +121,12 @@ impl<'l> LoopPredictor<'l> {
         let (inputs, ports) = (known.inputs.iter().map(|i| &i.name), known.ports.iter().map(|port| &port.name));
         let beyond = self.written.fitted.as_ref().map(|fitted| fitted.beyond(inputs, u, ports, &peaks));
         let within = beyond.as_ref().is_some_and(|beyond| beyond.times <= 1.0);
-        let bare = if within { outputs.clone() } else { runs.simulate(&self.setting, &[], &record)? };
-        self.require_bounded(&outputs, &bare, beyond.as_ref())?;
-        Ok(Prediction { correction: difference(&outputs, &bare), change: None, outputs, beyond })
+        // Without the effects, all parameters have the values that the simulator was given.
+        let given = if within && !with_change { outputs.clone() } else { runs.simulate(&self.setting, &[], &record)? };
+        self.require_bounded(&outputs, &given, beyond.as_ref())?;
+        let correction = difference(&outputs, &given);
+        let change = with_change.then(|| correction.clone());
+        Ok(Prediction { correction, change, outputs, beyond })
     }
 
     /// Checks that the outputs stay within bounds about those of the fitted records, in proportion to the excess over
@@ -302,6 +329,39 @@ mod tests {
         assert!(read.len() > 30 && refused.len() > 200, "{} {}", read.len(), refused.len());
         assert!(read.contains(&("backlash", "port:link")) && refused.contains(&("missing-mode", "mode:9")));
         assert!(refused.contains(&("stiffness-drift", "structure")));
+    }
+
+    /// The change is that from the simulator as given: it contains the change of a parameter by the refit, even if
+    /// there is no effect.
+    #[test]
+    fn a_change_contains_the_refit_of_the_parameters() {
+        let library = Library::standard();
+        let mut file = file();
+        file["parameters"]["motor damper"] = serde_json::json!(0.5);
+        let predictor = |file: &serde_json::Value| {
+            LoopPredictor::new(serde_json::from_value(file.clone()).unwrap(), &library).unwrap()
+        };
+        let mut given = file.clone();
+        given["effects"] = serde_json::json!([]);
+        let refit = given.clone();
+        let description = Arm::new().description().clone();
+        for parameter in &description.parameters {
+            given["parameters"][&parameter.name] = serde_json::json!(parameter.value);
+        }
+        let outputs =
+            |file: &serde_json::Value| predictor(file).predict(&mut Arm::new(), &input(), 0.0).unwrap().outputs;
+        let given = outputs(&given);
+        for file in [&refit, &file] {
+            let prediction = predictor(file).predict_change(&mut Arm::new(), &input(), 0.0).unwrap();
+            let change = prediction.change.unwrap();
+            let size = peak(&change.concat());
+            assert!(size > 1e-3 && prediction.outputs == outputs(file), "{size}");
+            for ((outputs, change), given) in prediction.outputs.iter().zip(&change).zip(&given) {
+                let same = |((y, change), given): ((&f64, &f64), &f64)| (y - change - given).abs() < 1e-12;
+                assert!(outputs.iter().zip(change).zip(given).all(same));
+            }
+            assert!(predictor(file).predict(&mut Arm::new(), &input(), 0.0).unwrap().change.is_none());
+        }
     }
 
     /// An output that is finite but out of all proportion is refused, whether or not the file states the range of the

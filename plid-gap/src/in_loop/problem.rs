@@ -1,5 +1,7 @@
 //! The least-squares problem of a simulator in the loop: whitened differences between records and runs.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 use plid_simulator::SimulatorError;
 
@@ -146,6 +148,15 @@ impl<'a> Problem<'a> {
         self.whiteners = self.records.iter().map(one).collect();
         let traces: Vec<Vec<f64>> = self.nuisances.iter().map(|nuisance| self.whiten(&nuisance.change)).collect();
         self.nuisances.iter_mut().zip(traces).for_each(|(nuisance, trace)| nuisance.trace = trace);
+    }
+
+    /// Returns the problem without some samples of one record, which count as missing.
+    pub fn without(&self, record: usize, samples: Range<usize>) -> Self {
+        let (records, setting, nuisances) = (self.records.clone(), self.setting.clone(), self.nuisances.clone());
+        let mut others = Self { records, setting, nuisances, noise: self.noise.clone(), whiteners: Vec::new() };
+        others.records[record].y.iter_mut().for_each(|y| y[samples.clone()].fill(f64::NAN));
+        others.weigh();
+        others
     }
 
     /// Returns the problem with the first samples of one record only.

@@ -13,7 +13,7 @@ use crate::in_loop::answer::LoopDiagnosis;
 use crate::in_loop::{LoopOutcome, Shown};
 use crate::judge::verdict::Verdict;
 use crate::report::traces::{Traces, spectra, window};
-use crate::report::write_answer;
+use crate::report::{whereabouts, write_answer};
 use crate::words::band;
 
 /// Writes diagnosis.json, sim-with-effect.json and report.html into a folder, either all three or none.
@@ -42,6 +42,10 @@ pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
         bars(&gap_bars(outcome)),
         format!("The gap on {}, relative to the output. All outputs have equal weight.", gap.measured_on.join(", ")),
     );
+    report = report.heading("Where the gap arises").paragraph(whereabouts::sentence(&diagnosis.place));
+    for sentence in &diagnosis.evidence {
+        report = report.paragraph(sentence);
+    }
     report = traces_section(report, shown);
     report = remainder_section(report, diagnosis);
     report = report.heading("The explanations that were tried");
@@ -105,6 +109,7 @@ fn traces_section(mut report: Report, shown: &Shown) -> Report {
         record: &shown.record,
         rate: shown.rate,
         outputs: &shown.outputs,
+        units: &shown.units,
         y: &shown.trace,
         with: "with the effects".into(),
         noise: &shown.noise,

@@ -100,10 +100,8 @@ impl<'p> Crossed<'p> {
         let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].is_driven()).collect();
         let mut simulated = outputs(problem, &fit.eta, &fit.effects);
         let reach = reach(problem, fit, &simulated);
-        let same_level = problem.settings.case.same_level;
         for &k in &driven {
-            let as_loud = |other: &&usize| **other != k && same_level * records[**other].level() > records[k].level();
-            let predicted = if driven.iter().any(|other| as_loud(&other)) {
+            let predicted = if others_are_as_loud(records, k, problem.settings.case.same_level) {
                 by_others(problem, fit, k)
             } else {
                 by_parts(problem, fit, k, &noise)
@@ -115,13 +113,24 @@ impl<'p> Crossed<'p> {
                 records[k].y.iter().map(|y| vec![0.0; y.len()]).collect()
             };
         }
+        Self::new(records, simulated, reach, &problem.settings.judge)
+    }
+
+    /// Creates the predictions of all records from their runs, each by a model that was fitted to the others.
+    pub(crate) fn new(
+        records: &'p [Record],
+        simulated: Vec<Channels>,
+        reach: Option<Reach>,
+        settings: &JudgeSettings,
+    ) -> Self {
+        let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].is_driven()).collect();
         // The deviation of each record's gap from the gap expected at its level, as a logarithm.
         let off = |k: &usize| {
             let found = Blocks::new(&records[*k].y, &simulated[*k], 0).gap();
             (found / gap::expected(records, &simulated, records[*k].level())).ln()
         };
         let square: f64 = driven.iter().map(off).filter(|x| x.is_finite()).map(|x| x * x).sum();
-        let JudgeSettings { prediction_scatter, prediction_records: prior, .. } = problem.settings.judge;
+        let JudgeSettings { prediction_scatter, prediction_records: prior, .. } = *settings;
         let square = square + prediction_scatter * prediction_scatter * prior;
         let scatter = Scatter { records: driven.len() as f64, prior, square };
         Self { records, simulated, scatter, reach }
@@ -148,6 +157,13 @@ impl<'p> Crossed<'p> {
         }
         Stated::new(ratio * stated.gap, self.scatter.with(ratio.ln()))
     }
+}
+
+/// Returns whether another driven record is as loud as this one. Levels whose ratio is below `same_level` count as one
+/// level.
+pub(crate) fn others_are_as_loud(records: &[Record], record: usize, same_level: f64) -> bool {
+    let as_loud = |other: &Record| other.is_driven() && same_level * other.level() > records[record].level();
+    records.iter().enumerate().any(|(k, other)| k != record && as_loud(other))
 }
 
 /// Returns the reach of a fit, if one of its effects is a curve without a law. `simulated` are its free runs.

@@ -5,6 +5,7 @@ use crate::fit::problem::{Effort, Fit, Placed};
 use crate::fit::refit::clipped;
 use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
+use crate::judge::locate::Estimate;
 use crate::judge::shrink::{blocks, floor, opened};
 use crate::plant::Plant;
 use crate::simulate::Fineness;
@@ -61,11 +62,6 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
         let eta = clipped(problem, &eta).unwrap_or(eta);
         blocks(&opened, &problem.nuisance.apply(&problem.plant, &eta), &problem.actions(&effects))
     };
-    let share = |[without, with, limits]: [f64; 3]| {
-        let closed = (without * without - with * with).max(0.0);
-        let all = (limits * limits - floor * floor).max(closed);
-        if all > 0.0 { closed / all } else { 0.0 }
-    };
     // Returns the gap that effects leave in the simulation as given.
     let alone = |those: &[usize]| {
         let own: Vec<Placed> = those.iter().map(|&which| named[which].clone()).collect();
@@ -83,9 +79,10 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
         let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
         let closed = (missing * missing - rest * rest).max(0.0);
         let made = given.map_or(closed, |given| closed.max(made(removed, given)));
+        let Estimate { value, ci95 } = closed_share([&without, with, &limits], floor);
         Share {
-            value: share([missing, rest, limits.gap()]),
-            ci95: gap::drawn([&without, with, &limits], share),
+            value,
+            ci95,
             made,
             left: (beyond(rest) / beyond(missing).max(beyond(rest) + made).max(f64::MIN_POSITIVE)).sqrt(),
         }
@@ -93,6 +90,17 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
     let mut shares: Vec<Share> = (0..named.len()).map(|which| of(&[which])).collect();
     give_to_leaders(&mut shares, named, problem.settings.judge.replaceable, of, |which| alone(&[which]));
     shares
+}
+
+/// Returns the share of the squared gap that an effect closes, with its interval from a bootstrap over blocks. The
+/// blocks are those of the runs without the effect, with it, and of the simulation within its limits.
+pub(crate) fn closed_share(runs: [&Blocks; 3], floor: f64) -> Estimate {
+    let share = |[without, with, limits]: [f64; 3]| {
+        let closed = (without * without - with * with).max(0.0);
+        let all = (limits * limits - floor * floor).max(closed);
+        if all > 0.0 { closed / all } else { 0.0 }
+    };
+    Estimate { value: share(runs.map(Blocks::gap)), ci95: gap::drawn(runs, share) }
 }
 
 /// Assigns the joint share of laws at one place that can replace each other to one of them.

@@ -48,7 +48,7 @@ const MOST_TONES: usize = 4;
 const STEP: f64 = 1e-2;
 
 /// Relative addition to the diagonal of the normal matrix, which is needed because some columns are nearly equal.
-const RIDGE: f64 = 1e-9;
+pub(crate) const RIDGE: f64 = 1e-9;
 
 /// The possible responses of a place: linear parameters without their limits, and runs with small effects.
 struct Means {
@@ -129,13 +129,7 @@ fn means(problem: &Problem) -> Vec<Means> {
     let setting = &problem.setting;
     let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
     let mut all = if problem.plant.controller.is_some() { Vec::new() } else { of_channels(problem) };
-    for joint in setting.joints().into_iter().filter(|joint| !setting.is_on_a_mode(setting.port(joint))) {
-        let springs: &[&'static Flexible] = &[&Flexible::Stiffness, &Flexible::Joint];
-        let springs = if setting.plant.ports[setting.port(&joint)].sees_displacement() { springs } else { &[] };
-        let shapes = springs.iter().copied().chain([&Flexible::Damping]);
-        let runs = shapes.flat_map(|shape| of_shape(shape, &joint, setting)).collect();
-        all.push(one(Side::Structure, joint, Vec::new(), runs));
-    }
+    all.extend(at_joints(setting).map(|(side, joint, runs)| one(side, joint, Vec::new(), runs)));
     let poles = parts(problem, Part::Pole);
     all.push(one(Side::Structure, Place::Structure, poles, Vec::new()));
     for place in MissingMode.places(setting) {
@@ -156,22 +150,47 @@ fn parts(problem: &Problem, part: Part) -> Vec<usize> {
 
 /// Returns the possible responses of actuators and sensors.
 fn of_channels(problem: &Problem) -> Vec<Means> {
-    let setting = &problem.setting;
-    let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
+    let freed = |side: Side, place: &Place| match (side, place) {
+        (Side::Actuator, &Place::Input(i)) => parts(problem, Part::Input(i)),
+        (Side::Sensor, &Place::Output(o)) => parts(problem, Part::Output(o)),
+        _ => Vec::new(),
+    };
+    let one = |(side, place, runs)| Means::new(side, &place, freed(side, &place), runs, &problem.setting);
+    at_channels(&problem.setting).into_iter().map(one).collect()
+}
+
+/// A side, a place there, and a small effect for each coefficient of the free functions at that place.
+pub(crate) type FreeFunctions = (Side, Place, Vec<Placed<'static>>);
+
+/// Returns the free functions of actuators and sensors.
+pub(crate) fn at_channels(setting: &Setting) -> Vec<FreeFunctions> {
     let mut all = Vec::new();
-    for (i, input) in setting.inputs().into_iter().enumerate() {
+    for input in setting.inputs() {
         let shapes = [&Flexible::Command, &Flexible::Hysteresis, &Flexible::Path];
         let runs = shapes.into_iter().flat_map(|shape| of_shape(shape, &input, setting)).collect();
-        all.push(one(Side::Actuator, input.clone(), parts(problem, Part::Input(i)), runs));
-        all.push(one(Side::Time, input.clone(), Vec::new(), of_shape(&Flexible::GainCourse, &input, setting)));
+        all.push((Side::Actuator, input.clone(), runs));
+        let course = of_shape(&Flexible::GainCourse, &input, setting);
+        all.push((Side::Time, input, course));
     }
     for (o, output) in setting.outputs().into_iter().enumerate() {
         let shapes = [&Flexible::Sensor, &Flexible::SensorPath, &Flexible::ZeroCourse];
         let mut runs: Vec<_> = shapes.into_iter().flat_map(|shape| of_shape(shape, &output, setting)).collect();
         runs.push(at(&SensorOffset, &output, vec![STEP * setting.y_rms[o]]));
-        all.push(one(Side::Sensor, output, parts(problem, Part::Output(o)), runs));
+        all.push((Side::Sensor, output, runs));
     }
     all
+}
+
+/// Returns the free functions of the motion at joints.
+pub(crate) fn at_joints(setting: &Setting) -> impl Iterator<Item = FreeFunctions> {
+    let joints = setting.joints().into_iter().filter(|joint| !setting.is_on_a_mode(setting.port(joint)));
+    joints.map(|joint| {
+        let springs: &[&'static Flexible] = &[&Flexible::Stiffness, &Flexible::Joint];
+        let springs = if setting.plant.ports[setting.port(&joint)].sees_displacement() { springs } else { &[] };
+        let shapes = springs.iter().copied().chain([&Flexible::Damping]);
+        let runs = shapes.flat_map(|shape| of_shape(shape, &joint, setting)).collect();
+        (Side::Structure, joint, runs)
+    })
 }
 
 /// Returns each line in the residual, as a force at each port and as hum of each output, with an arbitrary phase.

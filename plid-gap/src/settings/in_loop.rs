@@ -73,11 +73,15 @@ group! {
         /// Distance between two explanations, in standard deviations, above which the records separate them (Vuong
         /// 1989).
         clear: f64 = 3.0, "1", 0.0..=100.0;
-        /// Relative half-width of the 80 % interval of the predicted gap: 1.28 times a standard deviation of a tenth,
-        /// by which single records of a lightly damped structure scatter. `judge.prediction_scatter` is a standard
-        /// deviation, and only the starting value of an estimate from predictions of each record by a model of the
-        /// other records. Here, each of these models would take as many runs as a fit.
-        prediction_width: f64 = 0.13, "1", 0.0..=1.0;
+        /// Largest number of runs for the gap to expect on a further record. Each fitted record, or each part of one
+        /// that is louder than all others, is predicted by a fit to the others: one step from the fit to all, which
+        /// takes a run of every record. If these runs exceed this number or what `calls` leaves, the gap of the fitted
+        /// records themselves is stated. With zero, it always is.
+        crossed_calls: usize = 100, "1", 0.0..=1e9;
+        /// Relative half-width of the 80 % interval of the stated gap if it is that of the fitted records themselves:
+        /// twice 1.28 times a standard deviation of a tenth, by which single records of a lightly damped structure
+        /// scatter. A fit leaves less in its own records than in others, by an amount that is not known then.
+        prediction_width: f64 = 0.26, "1", 0.0..=1.0;
         /// Share of the remaining gap that a further effect must close. With long records, an effect that closes less
         /// can be significant although the gap hardly changes.
         least_closed: f64 = 0.1, "1", 0.0..=1.0;
