@@ -47,7 +47,7 @@ fn misdeclared(ready: &Prepared, o: usize, found: [f64; 2]) -> Option<[f64; 2]> 
     let rounding = if quantisation.step.is_finite() { quantisation.step.powi(2) / 12.0 } else { 0.0 };
     let expected = declared.hypot(rounding.sqrt());
     // The logarithm of a standard deviation of n values has the variance 1 / (2 n).
-    let values = ready.quiet.iter().map(|stretch| stretch.length as f64).sum::<f64>();
+    let values = ready.quiet.iter().map(|stretch| stretch.freedom).sum::<f64>();
     let half = 1.96 * settings.prepare.level_allowance * (0.5 / values).sqrt();
     let clear = settings.answer.misdeclared * half.exp();
     let [least, largest] = found;

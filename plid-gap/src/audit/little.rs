@@ -7,6 +7,7 @@ use crate::case::record::{Excitation, Record};
 use crate::case::split::driven;
 use crate::effects::{Effect, Library, Setting, Side};
 use crate::error::GapError;
+use crate::noise::repeats;
 use crate::plant::Plant;
 use crate::signal::peaks;
 
@@ -72,7 +73,9 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
         ));
         little.left_out.extend(names);
     }
-    if !noise_shows(case) {
+    let settling = if case.controller.is_some() { None } else { repeats::settling(&setting.plant) };
+    let repeated = || !repeats::differences(&records, settling, settings.prepare.shortest_quiet).is_empty();
+    if !noise_shows(case) && !repeated() {
         little.findings.push(unknown_noise(case, model));
     }
     Ok(little)
@@ -122,7 +125,7 @@ fn unknown_noise(case: &Case, model: &Model) -> String {
         )
     };
     format!(
-        "No record shows the noise alone (one without input, or four periods, of {} samples): {source}.",
+        "No record shows the noise alone (one without input, or a repeat of an input, of {} samples): {source}.",
         settings.shortest_quiet
     )
 }
@@ -191,6 +194,10 @@ mod tests {
         loud.records.retain(|record| record.excitation != Excitation::Zero);
         let found = check(&loud, &truss(1), &Library::standard(), &[]).unwrap().findings;
         assert!(found[0].contains("as the simulation declares it"), "{found:?}");
+        // A repeat of an input shows the noise.
+        let mut repeated = loud.clone();
+        repeated.records[1].u = repeated.records[0].u.clone();
+        assert!(check(&repeated, &truss(1), &Library::standard(), &[]).unwrap().findings.is_empty());
         let mut silent = truss(1);
         silent.noise.sensor_std = None;
         let found = check(&loud, &silent, &Library::standard(), &[]).unwrap().findings;

@@ -48,10 +48,11 @@ impl Effect for MissingMode {
         setting.missing.iter().filter(|mode| at(mode.hz)).map(start).collect()
     }
 
-    /// Rejects a pole that no record can show as a resonance, because such a pole is not a mode.
+    /// Rejects a pole that no record can show as a resonance, because such a pole is not a mode. Outside the band that
+    /// counts, nothing shows it.
     fn sound(&self, setting: &Setting, _place: &Place, parameters: &[f64]) -> bool {
         let (hz, zeta) = (parameters[0], parameters[1]);
-        hz < 0.5 * setting.plant.rate && hz * setting.duration_s > 1.0 && zeta < 1.0
+        hz < 0.5 * setting.plant.rate && hz * setting.duration_s > 1.0 && zeta < 1.0 && setting.counts(hz)
     }
 
     fn fitted_place(&self, _place: &Place, parameters: &[f64]) -> Place {
@@ -76,4 +77,31 @@ fn add(plant: &mut Plant, parameters: &[f64]) {
     let size = (c.iter().map(|c| c * c).sum::<f64>()).sqrt().max(f64::MIN_POSITIVE);
     let c: Vec<f64> = c.iter().map(|c| c / size).collect();
     plant.add_mode(C::new(-zeta * w, w * (1.0 - zeta * zeta).sqrt()), &parameters[2..2 + m], &c);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prepare::{Known, prepare};
+    use crate::testing;
+
+    /// A mode of 186 Hz is missing. It is a mode only within the band that counts, and in no other band is it offered.
+    #[test]
+    fn a_missing_mode_lies_in_the_band() {
+        let sim = testing::truss_with(1, |_, shapes, _| shapes.row_mut(2).fill(0.0));
+        let case = testing::case(&sim, &testing::truss(1));
+        for (band_hz, offered) in [(None, true), (Some([100.0, 250.0]), true), (Some([20.0, 160.0]), false)] {
+            let known = Known { band_hz, ..Known::default() };
+            let setting = prepare(case.model.as_ref().unwrap(), &case.records, &known).unwrap().problem.setting;
+            let places = MissingMode.places(&setting);
+            let is_near = |place: &Place| matches!(place, Place::MissingMode(hz) if (hz / 186.0 - 1.0).abs() < 0.02);
+            assert_eq!(places.iter().any(is_near), offered, "{band_hz:?}: {places:?}");
+            let sound = |hz: f64, zeta: f64| {
+                let parameters = [vec![hz, zeta], vec![1.0; 4]].concat();
+                MissingMode.sound(&setting, &Place::MissingMode(hz), &parameters)
+            };
+            assert_eq!(sound(186.0, 0.01), offered, "{band_hz:?}");
+            assert!(sound(150.0, 0.01) && !sound(150.0, 1.0), "{band_hz:?}");
+        }
+    }
 }

@@ -50,6 +50,8 @@ pub struct Setting {
     pub tones: Vec<Tone>,
     /// Modes that the residual's frequency response suggests.
     pub missing: Vec<MissingModeStart>,
+    /// The frequency band in Hz that counts; all frequencies if `None`.
+    pub band_hz: Option<[f64; 2]>,
 }
 
 impl Setting {
@@ -77,7 +79,13 @@ impl Setting {
             duration_s: 0.0,
             tones: Vec::new(),
             missing: Vec::new(),
+            band_hz: None,
         }
+    }
+
+    /// Returns whether a frequency counts.
+    pub(super) fn counts(&self, hz: f64) -> bool {
+        self.band_hz.is_none_or(|[from, to]| (from..=to).contains(&hz))
     }
 
     /// Returns the inputs by number.

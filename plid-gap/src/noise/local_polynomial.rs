@@ -44,15 +44,59 @@ pub(crate) fn unexplained(record: &Record, error: &[Vec<f64>]) -> Option<Stretch
     if count <= 4 * reach {
         return None;
     }
-    let residual: Vec<Vec<C>> = (0..count).map(|k| at(&inputs.bins, &outputs.bins, k, reach)).collect();
-    let bins = (0..record.y.len()).map(|o| residual.iter().map(|e| e[o]).collect()).collect();
-    Some(Stretch { length: outputs.length, bins })
+    let weights: Vec<Weights> = (0..count).map(|k| Weights::new(&inputs.bins, k, reach)).collect();
+    let residual = |y: &Vec<C>| weights.iter().map(|weights| weights.applied(y)).collect();
+    let bins = outputs.bins.iter().map(residual).collect();
+    Some(Stretch { length: outputs.length, bins, freedom: freedom(&weights) })
 }
 
-/// Returns the residual of each output at a frequency, scaled so that its variance is that of the noise.
-fn at(inputs: &[Vec<C>], outputs: &[Vec<C>], k: usize, reach: usize) -> Vec<C> {
-    // The first bin holds the mean and the trend, which were removed.
-    let first = (k.max(reach + 1) - reach).min(outputs[0].len() - 2 * reach - 1);
+/// The residual at a frequency as a sum over neighbouring bins, scaled so that its variance is that of the noise.
+struct Weights {
+    /// The first of the bins.
+    first: usize,
+    /// The weight of each.
+    of: Vec<C>,
+}
+
+impl Weights {
+    fn new(inputs: &[Vec<C>], k: usize, reach: usize) -> Self {
+        // The first bin holds the mean and the trend, which were removed.
+        let first = (k.max(reach + 1) - reach).min(inputs[0].len() - 2 * reach - 1);
+        let basis = basis(inputs, k, [first, reach]);
+        let centre = k - first.min(k);
+        let own = |i: usize| if i == centre { C::ONE } else { C::ZERO };
+        let left = |i: usize| own(i) - basis.iter().map(|q| q[centre] * q[i].conj()).sum::<C>();
+        let taken: f64 = basis.iter().map(|q| q[centre].norm_sqr()).sum();
+        let scale = (1.0 - taken).max(DEPENDENT).sqrt().recip();
+        Self { first, of: (0..=2 * reach).map(|i| left(i) * scale).collect() }
+    }
+
+    fn applied(&self, y: &[C]) -> C {
+        self.of.iter().zip(&y[self.first..]).map(|(weight, y)| weight * y).sum()
+    }
+
+    /// Returns the correlation of two residuals.
+    fn times(&self, other: &Self) -> C {
+        let [a, b] = if self.first < other.first { [self, other] } else { [other, self] };
+        let apart = (b.first - a.first).min(a.of.len());
+        a.of[apart..].iter().zip(&b.of).map(|(a, b)| a * b.conj()).sum()
+    }
+}
+
+/// Returns the number of independent real values with the scatter of the mean power of the residuals: neighbouring
+/// residuals are correlated, because each is what a fit to its neighbours leaves.
+fn freedom(weights: &[Weights]) -> f64 {
+    // The bins that a noise model counts.
+    let counted = &weights[2..weights.len() - 1];
+    let reached = |k: usize| &counted[k + 1..(k + counted[k].of.len()).min(counted.len())];
+    let beside = |k: usize| reached(k).iter().map(|other| counted[k].times(other).norm_sqr()).sum::<f64>();
+    let own = |k: usize| counted[k].times(&counted[k]).norm_sqr();
+    let squares: f64 = (0..counted.len()).map(|k| own(k) + 2.0 * beside(k)).sum();
+    2.0 * (counted.len() as f64).powi(2) / squares
+}
+
+/// Returns a basis of the parts that the inputs and a transient may have in the bins about a frequency.
+fn basis(inputs: &[Vec<C>], k: usize, [first, reach]: [usize; 2]) -> Vec<DVector<C>> {
     let local = |of: &[C]| DVector::from_column_slice(&of[first..=first + 2 * reach]);
     let power = |degree: usize| move |i: usize| ((i + first) as f64 - k as f64).powi(degree as i32);
     let constant = DVector::repeat(2 * reach + 1, C::ONE);
@@ -60,16 +104,7 @@ fn at(inputs: &[Vec<C>], outputs: &[Vec<C>], k: usize, reach: usize) -> Vec<C> {
     let regressors = signals.flat_map(|signal| {
         repeat_n(signal, DEGREE + 1).enumerate().map(|(d, x)| DVector::from_fn(x.len(), |i, _| x[i] * power(d)(i)))
     });
-    let basis = orthonormal(regressors);
-    let centre = k - first.min(k);
-    let taken: f64 = basis.iter().map(|q| q[centre].norm_sqr()).sum();
-    let scale = (1.0 - taken).max(DEPENDENT).sqrt().recip();
-    let residual = |y: &Vec<C>| {
-        let y = local(y);
-        let explained: C = basis.iter().map(|q| q[centre] * q.dotc(&y)).sum();
-        (y[centre] - explained) * scale
-    };
-    outputs.iter().map(residual).collect()
+    orthonormal(regressors)
 }
 
 /// Returns an orthonormal basis of the space of these vectors (modified Gram-Schmidt, twice).

@@ -2,12 +2,14 @@
 //! force on each mode.
 //!
 //! S(f) = sum of theta_j h_j(f) h_j(f)^H is fitted by maximum likelihood (Whittle, Ark. Mat. 2, 1953) to the part of
-//! the records that no command explains: records without input, and differences between periods. In closed loop, the
-//! noise of a sensor also moves the plant: y = S (P v + e), with the sensitivity S of the loop.
+//! the records that no command explains: records without input, and differences between periods or other repeats of an
+//! input. In closed loop, the noise of a sensor also moves the plant: y = S (P v + e), with the sensitivity S of the
+//! loop.
 
 mod expected;
 pub(crate) mod local_polynomial;
 pub(crate) mod model_error;
+pub(crate) mod repeats;
 pub(crate) mod whiten;
 pub(crate) mod whittle;
 
@@ -46,6 +48,8 @@ pub struct Stretch {
     pub length: usize,
     /// The bins (p channels).
     pub bins: Vec<Vec<C>>,
+    /// Number of independent values of each channel: the mean of their squares has the relative variance 2 / freedom.
+    pub freedom: f64,
 }
 
 impl Stretch {
@@ -61,7 +65,7 @@ impl Stretch {
                 plid_fourier::forward(&x).into_iter().map(|z| z * scale).collect()
             })
             .collect();
-        Self { length, bins }
+        Self { length, bins, freedom: length as f64 }
     }
 
     /// Returns the spectra under Hann's window. Without the window, the leakage of a strong resonance would be
@@ -72,7 +76,8 @@ impl Stretch {
             let one = |k: usize| (at(k) * 0.5 - (at(k.max(1) - 1) + at(k + 1)) * 0.25) / 0.375f64.sqrt();
             (0..bins.len()).map(one).collect()
         };
-        Self { length: self.length, bins: self.bins.iter().map(taper).collect() }
+        let bins = self.bins.iter().map(taper).collect();
+        Self { length: self.length, bins, freedom: 0.5 * self.freedom }
     }
 
     fn hz(&self, k: usize, rate: f64) -> f64 {

@@ -199,7 +199,7 @@ mod tests {
             let z = DVector::from_fn(p, |o, _| C::new(numbers[2 * o][k], numbers[2 * o + 1][k]) * 0.5f64.sqrt());
             (0..p).for_each(|o| bins[o][k] = (&lower * &z)[o]);
         }
-        Stretch { length: LENGTH, bins }
+        Stretch { length: LENGTH, bins, freedom: LENGTH as f64 }
     }
 
     /// The maximum is found from a start near it, and the scatter over draws agrees with the stated covariance.

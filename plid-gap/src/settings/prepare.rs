@@ -9,7 +9,8 @@ group! {
         shortest_quiet: usize = 512, "samples", 16.0..=1e9;
         /// Standard deviation of a sensor's noise, over the RMS of its output, if the simulation declares none.
         undeclared_noise: f64 = 0.01, "1", 1e-9..=1.0;
-        /// Smallest number of whitened values whose mean square gives the noise level.
+        /// Smallest number of whitened values of quiet records and of driven ones for which their noise powers are
+        /// compared.
         level_values: f64 = 1000.0, "values", 1.0..=1e9;
         /// Excess of the noise power in driven records over that in quiet ones above which a random disturbance acts in
         /// the driven records alone. The noise model is fitted to the quiet records.
@@ -20,7 +21,8 @@ group! {
         /// Factor on the statistical uncertainty of a noise level. It allows for errors in the shape of the noise
         /// model.
         level_allowance: f64 = 1.1, "1", 1.0..=1e3;
-        /// Relative uncertainty of a noise level that is only declared, or that grows with the level of the input.
+        /// Relative uncertainty of a noise power that is only declared, or that grows with the level of the input. A
+        /// power that is estimated from so few values that it is less certain is not used.
         declared_uncertainty: f64 = 0.3, "1", 1e-6..=1e3;
         /// Relative uncertainty of the noise level if the noise is the rounding by a coarse converter. Its variance of
         /// q^2 / 12 holds for a signal that spans many steps.

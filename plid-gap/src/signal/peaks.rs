@@ -77,8 +77,14 @@ impl Spectra {
     }
 }
 
-/// Returns the peaks of the residual's frequency response over driven records, the largest first.
-pub fn missing_modes(plant: &Plant, driven: &[Driven], settings: &SignalSettings) -> Vec<MissingModeStart> {
+/// Returns the peaks of the residual's frequency response over driven records, the largest first. If there is a band in
+/// Hz, they lie in it.
+pub fn missing_modes(
+    plant: &Plant,
+    driven: &[Driven],
+    settings: &SignalSettings,
+    band_hz: Option<[f64; 2]>,
+) -> Vec<MissingModeStart> {
     let (m, p) = (plant.m, plant.p);
     let Spectra { uu, eu, segments } = Spectra::of(m, p, driven);
     if segments <= m {
@@ -101,7 +107,9 @@ pub fn missing_modes(plant: &Plant, driven: &[Driven], settings: &SignalSettings
         })
         .collect();
     let most = power[2..bins - 2].iter().copied().fold(0.0, f64::max);
+    let counts = |k: &usize| band_hz.is_none_or(|[from, to]| (from..=to).contains(&hz(*k)));
     let mut peaks: Vec<usize> = (2..bins - 2)
+        .filter(counts)
         .filter(|&k| power[k] > settings.least_peak * most && power[k] >= power[k - 1] && power[k] > power[k + 1])
         .collect();
     peaks.sort_by(|&a, &b| power[b].total_cmp(&power[a]));
