@@ -95,11 +95,35 @@ fn of_forces(plant: &Plant, names: &Names) -> Vec<String> {
     if !blind.is_empty() {
         words.push(format!(
             "Forces that depend on a displacement, such as springs, clearances and stops, were not considered at {}, \
-            where only the velocity is known. Declare a `[[port]]` with an output that measures a position.",
-            blind.join(" and ")
+            where only the velocity is known. {}",
+            blind.join(" and "),
+            to_declare(plant)
         ));
     }
+    words.extend(integrated(plant));
     words
+}
+
+/// Says what to declare where only the velocity is known.
+fn to_declare(plant: &Plant) -> &'static str {
+    if plant.modes.is_empty() {
+        return "Declare that the output measures a velocity (`output_kinds`), or a `[[port]]` with an output that \
+            measures a position or a velocity.";
+    }
+    "Declare a `[[port]]` with an output that measures a position."
+}
+
+/// Names the ports whose displacement is the integral of their velocity.
+fn integrated(plant: &Plant) -> Option<String> {
+    let names: Vec<&str> =
+        plant.ports.iter().filter(|port| plant.integrates(port)).map(|port| port.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "The displacement at {} is the integral of the velocity. It is zero at the beginning of each record that \
+            starts from rest, and fitted at the beginning of the others.",
+            names.join(" and ")
+        )
+    })
 }
 
 fn kinds(plant: &Plant, names: &Names) -> String {

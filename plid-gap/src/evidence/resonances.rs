@@ -67,6 +67,7 @@ fn alone(problem: &Problem, plant: &Plant, noise: &NoiseModel, index: usize) -> 
         nuisance: Nuisance::new(plant, std::slice::from_ref(record), &LIMITS),
         setting: problem.setting.clone(),
         settings: problem.settings.clone(),
+        longer: Vec::new(),
         strong: false,
     };
     let own = if record.samples() > SAMPLES { whole.head(SAMPLES, noise) } else { whole };

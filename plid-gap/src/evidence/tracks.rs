@@ -94,7 +94,7 @@ const RESOLUTION: f64 = 1e-4;
 
 fn follow(plant: &Plant, driven: &[&Record], noise: &[f64], settings: &EvidenceSettings) -> Option<Vec<Passed>> {
     let (m, p) = (plant.m, plant.p);
-    let states = plant.n().min(STATES);
+    let states = plant.seen_states().min(STATES);
     let form = ObservableForm::new(&vec![states.div_ceil(p); p], m).ok()?;
     let all =
         |of: &dyn Fn(&Record) -> &Vec<f64>| rms(driven.iter().flat_map(|r| of(r).iter().filter(|x| x.is_finite())));

@@ -1,5 +1,7 @@
 //! Free runs: simulations from the input alone, with at most the initial state fitted to the output.
 
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
 use crate::case::Limits;
 use crate::case::record::{Channels, Record};
 use crate::effects::Action;
@@ -18,6 +20,9 @@ const MOST_CORRECTIONS: usize = 6;
 
 /// Share of the squared error below which another correction is worth a run.
 const WORTH_ANOTHER: f64 = 0.98;
+
+/// Step of the differences with respect to a displacement that no output depends on, over its size.
+const UNSEEN_STEP: f64 = 1e-3;
 
 /// Returns whether a value of an output belongs to a run that diverges. `peak` is the largest magnitude of this output
 /// in the linear simulation and in the records; a zero gives no bound.
@@ -44,43 +49,66 @@ pub(crate) fn run(plant: &Plant, actions: &[Action], record: &Record) -> Channel
     simulate(plant, actions, &record.u, record.start_s, start.as_ref(), Fineness::FINE)
 }
 
+/// The least-squares correction of an initial state by the error of a run.
+struct Correction {
+    /// Derivatives of all outputs with respect to the entries of the state.
+    columns: DMatrix<f64>,
+    factor: Cholesky<f64, Dyn>,
+}
+
+impl Correction {
+    /// Returns the correction by these derivatives; `None` if the outputs do not depend on the state.
+    fn new(columns: DMatrix<f64>) -> Option<Self> {
+        let mut normal = columns.tr_mul(&columns);
+        let ridge = 1e-9 * normal.trace().max(f64::MIN_POSITIVE);
+        (0..normal.nrows()).for_each(|i| normal[(i, i)] += ridge);
+        Some(Self { factor: normal.cholesky()?, columns })
+    }
+
+    fn of(&self, error: &[f64]) -> DVector<f64> {
+        self.factor.solve(&self.columns.tr_mul(&DVector::from_column_slice(error)))
+    }
+}
+
 /// Returns the initial state that explains a record best, by least squares on the linear response. It is fitted first
 /// without effects, and then corrected by the error of the run with them. A run from rest would begin with a
-/// transient that the record does not have, and that effects may amplify.
+/// transient that the record does not have, and that effects may amplify. A displacement that no output depends on
+/// shows in the effects alone, so its derivatives are differences of runs with them.
 fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
     let nuisance = Nuisance::new(plant, std::slice::from_ref(record), &Limits::default());
     let (first, states) = (nuisance.of_simulation(), nuisance.states());
-    let mut columns = nalgebra::DMatrix::zeros(record.y.len() * record.samples(), states);
+    let mut columns = DMatrix::zeros(record.y.len() * record.samples(), states);
     let mut y = vec![vec![0.0; record.samples()]; record.y.len()];
     let derivatives = nuisance.by_start(plant, record.samples(), 0);
     derivatives.write(&derivatives.columns, &record.u, &mut y, |column, y| {
         let flat: Vec<f64> = y.iter().flatten().copied().collect();
         columns.column_mut(column.parameter - first).copy_from_slice(&flat);
     });
-    let mut normal = columns.tr_mul(&columns);
-    let ridge = 1e-9 * normal.trace().max(f64::MIN_POSITIVE);
-    (0..states).for_each(|i| normal[(i, i)] += ridge);
-    let Some(factor) = normal.cholesky() else { return State::rest(plant) };
+    let Some(linear) = Correction::new(columns) else { return State::rest(plant) };
     let state = |eta: &[f64]| nuisance.start(0, eta).unwrap_or_else(|| State::rest(plant));
     let left = |eta: &[f64], actions: &[Action]| -> Vec<f64> {
         let y = simulate(plant, actions, &record.u, record.start_s, Some(&state(eta)), Fineness::FINE);
         record.error(&y).into_iter().flatten().collect()
     };
-    let corrected = |eta: &[f64], error: Vec<f64>| -> Vec<f64> {
-        let step = factor.solve(&columns.tr_mul(&nalgebra::DVector::from_vec(error)));
+    let corrected = |eta: &[f64], by: &Correction, error: &[f64]| -> Vec<f64> {
         let mut eta = eta.to_vec();
-        eta[first..].iter_mut().zip(step.iter()).for_each(|(x, dx)| *x += dx);
+        eta[first..].iter_mut().zip(by.of(error).iter()).for_each(|(x, dx)| *x += dx);
         eta
     };
     let rest = vec![0.0; nuisance.len()];
-    let mut best = corrected(&rest, left(&rest, &[]));
+    let mut best = corrected(&rest, &linear, &left(&rest, &[]));
     if actions.is_empty() {
         return state(&best);
     }
     let mut error = left(&best, actions);
     for _ in 0..MOST_CORRECTIONS {
         let before = sum_of_squares(&error);
-        let next = corrected(&best, error);
+        let with_effects = with_unseen(plant, &linear, &error, &|entry| {
+            let mut moved = best.clone();
+            moved[first + entry] += UNSEEN_STEP;
+            left(&moved, actions)
+        });
+        let next = corrected(&best, with_effects.as_ref().unwrap_or(&linear), &error);
         error = left(&next, actions);
         let after = sum_of_squares(&error);
         if after < before {
@@ -92,4 +120,54 @@ fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
         }
     }
     state(&best)
+}
+
+/// Returns the correction of the linear response with the derivatives, by differences, with respect to the states that
+/// no output depends on; `None` if there are none. `moved` gives the error after a step of an entry.
+fn with_unseen(
+    plant: &Plant,
+    linear: &Correction,
+    error: &[f64],
+    moved: &dyn Fn(usize) -> Vec<f64>,
+) -> Option<Correction> {
+    let (first, seen, all) = (2 * plant.modes.len(), plant.rest.seen(), plant.rest.a.nrows());
+    if seen == all {
+        return None;
+    }
+    let mut columns = linear.columns.clone();
+    for entry in first + seen..first + all {
+        let slopes = error.iter().zip(moved(entry)).map(|(now, moved)| (now - moved) / UNSEEN_STEP);
+        columns.column_mut(entry).iter_mut().zip(slopes).for_each(|(to, slope)| *to = slope);
+    }
+    Correction::new(columns)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{Library, Place, Setting};
+    use crate::testing::{held, random_input, record};
+    use nalgebra::dmatrix;
+    use plid_model::{Model, OutputKind};
+
+    /// The position of a motor at the beginning of a record shows in the force of a stiffening spring alone.
+    #[test]
+    fn a_position_that_no_output_shows_is_fitted_by_the_effect() {
+        let (a, b) = held(&dmatrix![-4.0], &dmatrix![1.0], 4e-3);
+        let mut model = Model::new(250.0, a, b, dmatrix![1.0], dmatrix![0.0]).unwrap();
+        model.output_kinds = vec![Some(OutputKind::Velocity)];
+        let plant = Plant::new(&model).unwrap();
+        let library = Library::standard();
+        let spring = library.get("cubic-stiffness").unwrap();
+        let actions = spring.act(&Setting::bare(&plant, &model), &Place::Input(0), &[400.0]);
+        let u = vec![random_input(1, 50, 1)[0].iter().flat_map(|u| [*u; 10]).collect::<Vec<f64>>()];
+        let mut start = State::rest(&plant);
+        start.rest[plant.rest.seen()] = 0.15;
+        let y = simulate(&plant, &actions, &u, 0.0, Some(&start), Fineness::FINE);
+        let measured = Record { from_rest: false, ..record(u, y) };
+        let far = |y: &Channels| sum_of_squares(&measured.error(y)[0]) / sum_of_squares(&measured.y[0]);
+        let still = simulate(&plant, &actions, &measured.u, 0.0, None, Fineness::FINE);
+        let found = run(&plant, &actions, &measured);
+        assert!(far(&found) < 1e-6 && far(&still) > 1e-3, "{} {}", far(&found), far(&still));
+    }
 }

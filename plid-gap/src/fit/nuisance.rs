@@ -2,11 +2,14 @@
 //! gains if there are no modes; the offsets of outputs that have any; and the initial states of records that do not
 //! start from rest. Changes within the prior do not count as effects.
 
+use nalgebra::DVector;
+
 use crate::case::Limits;
+use crate::case::limits::Limit;
 use crate::case::record::{Record, rms};
 use crate::fit::jacobian::Jacobian;
 use crate::plant::{Plant, RestNumber, Spectrum};
-use crate::simulate::State;
+use crate::simulate::{State, commands};
 use plid_fourier::C;
 
 /// Prior standard deviation of an initial state, relative to the state that the input excites, and of an offset,
@@ -15,6 +18,10 @@ const FREE_STD: f64 = 3.0;
 
 /// Median of the absolute value of a standard normal variable.
 const NORMAL_MEDIAN: f64 = 0.6745;
+
+/// Smallest number of parameters whose median is stated. The standard deviation of the median of four magnitudes of
+/// normal variables is about 0.6 of that median (asymptotically, 1 / (2 f sqrt(n)) with the density f there).
+const LEAST_OFF: usize = 4;
 
 /// The quantity that a linear parameter of the simulation changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,15 +70,10 @@ impl Nuisance {
         let controller = plant.controller.as_ref().map_or(0, |controller| controller.a.nrows());
         let mut std = Vec::new();
         for _ in 0..modes {
-            std.extend([limits.frequency / 2.0, limits.damping / 2.0]);
-            std.extend(std::iter::repeat_n(limits.shape / 2.0, m + p));
+            std.extend((0..2 + m + p).map(|part| limits.std(limit_of_part(part))));
         }
         let spectrum = Spectrum::of(plant);
-        std.extend(spectrum.iter().flat_map(|spectrum| &spectrum.numbers).map(|number| match number {
-            RestNumber::Frequency(_) => limits.frequency / 2.0,
-            RestNumber::Rate(_) | RestNumber::Damping(_) | RestNumber::Contribution => limits.damping / 2.0,
-            RestNumber::Input(_) | RestNumber::Output(_) => limits.shape / 2.0,
-        }));
+        std.extend(spectrum.iter().flat_map(|spectrum| &spectrum.numbers).map(|number| limits.std(number.limit())));
         let offsets: Vec<f64> =
             (0..plant.offsets.len()).map(|o| rms(records.iter().flat_map(|record| &record.y[o]))).collect();
         std.extend(offsets.iter().map(|_| FREE_STD));
@@ -100,9 +102,30 @@ impl Nuisance {
     /// estimated from the median of the parameters that the records determine, which is insensitive to a few that an
     /// effect has moved.
     pub fn needed(&self, eta: &[f64], jacobian: &Jacobian, determined: f64) -> f64 {
-        let mut off: Vec<f64> = self.determined(jacobian, determined).map(|k| (eta[k] / self.std[k]).abs()).collect();
+        self.typical(eta, self.determined(jacobian, determined)).map_or(1.0, |off| off.max(1.0))
+    }
+
+    /// Returns the factor by which the parameters to which a limit applies are off, relative to their prior; `None`
+    /// if the records determine too few of them.
+    pub fn off(&self, limit: Limit, eta: &[f64], jacobian: &Jacobian, determined: f64) -> Option<f64> {
+        let of_limit: Vec<usize> =
+            self.determined(jacobian, determined).filter(|&k| self.limit(k) == Some(limit)).collect();
+        if of_limit.len() < LEAST_OFF { None } else { self.typical(eta, of_limit.into_iter()) }
+    }
+
+    /// Returns the robust standard deviation of some parameters, relative to their prior; `None` if there are none.
+    fn typical(&self, eta: &[f64], of: impl Iterator<Item = usize>) -> Option<f64> {
+        let mut off: Vec<f64> = of.map(|k| (eta[k] / self.std[k]).abs()).collect();
         off.sort_by(f64::total_cmp);
-        off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
+        off.get(off.len() / 2).map(|median| median / NORMAL_MEDIAN)
+    }
+
+    /// Returns the limit that applies to an entry; `None` for offsets and initial states.
+    fn limit(&self, index: usize) -> Option<Limit> {
+        match self.entry(index) {
+            Some((_, part)) => Some(limit_of_part(part)),
+            None => self.numbers().get(index - self.of_modes()).map(|number| number.limit()),
+        }
     }
 
     /// Returns twice the negative logarithm of the prior density of the parameters that the records determine, up to
@@ -297,6 +320,15 @@ impl Nuisance {
     }
 }
 
+/// Returns the limit that applies to a part of a mode (0 frequency, 1 damping, then shapes).
+fn limit_of_part(part: usize) -> Limit {
+    match part {
+        0 => Limit::Frequency,
+        1 => Limit::Damping,
+        _ => Limit::Shape,
+    }
+}
+
 /// Returns the directions in which real shapes change: the magnitude of the largest entry, times the phase that makes
 /// the shape as nearly real as possible, with either sign.
 fn directions(mode: &crate::plant::Mode) -> (C, C) {
@@ -307,8 +339,9 @@ fn directions(mode: &crate::plant::Mode) -> (C, C) {
     (of(&mode.b), of(&mode.c))
 }
 
-/// Returns the size of each state: the RMS for modes under the records' inputs and for the controller under the
-/// records' outputs, and the increment in a sample for other states. A state that nothing excites has the size one.
+/// Returns the size of each state: the RMS for modes and for states that no output depends on under the records'
+/// inputs and for the controller under the records' outputs, and the increment in a sample for other states. A state
+/// that nothing excites has the size one.
 fn state_sizes(plant: &Plant, records: &[Record]) -> Vec<f64> {
     let level = records.iter().map(Record::level).fold(0.0, f64::max);
     let step = 1.0 / plant.rate;
@@ -318,10 +351,27 @@ fn state_sizes(plant: &Plant, records: &[Record]) -> Vec<f64> {
         let b: f64 = mode.b.iter().map(|b| b.norm_sqr()).sum();
         held * b.sqrt() * level / (1.0 - turn.norm_sqr()).max(1e-6).sqrt()
     });
-    let rest = (0..plant.rest.a.nrows()).map(|j| plant.rest.b.row(j).norm() * level);
+    let rest = (0..plant.rest.seen()).map(|j| plant.rest.b.row(j).norm() * level).chain(unseen_sizes(plant, records));
     let outputs: Vec<_> = records.iter().map(|record| &record.y).collect();
     let controller = plant.controller.iter().flat_map(|controller| controller.state_sizes(&outputs));
     modal.chain(rest).chain(controller).map(|size| if size > 0.0 { size } else { 1.0 }).collect()
+}
+
+/// Returns the RMS of each state that no output depends on, under the commands of the loudest record. No record shows
+/// such a state, so its prior must reach as far as it may wander.
+fn unseen_sizes(plant: &Plant, records: &[Record]) -> Vec<f64> {
+    let rest = &plant.rest;
+    let (seen, all) = (rest.seen(), rest.a.nrows());
+    let loudest = records.iter().max_by(|a, b| a.level().total_cmp(&b.level()));
+    let Some(record) = loudest.filter(|_| seen < all) else { return vec![0.0; all - seen] };
+    let sent = commands(plant, &record.u);
+    let (mut x, mut squares) = (DVector::zeros(all), DVector::zeros(all));
+    for n in 0..record.samples() {
+        x = &rest.a * x + &rest.b * DVector::from_fn(plant.m, |i, _| sent[i][n]);
+        squares += x.component_mul(&x);
+    }
+    let rms = |j: usize| (squares[j] / record.samples().max(1) as f64).sqrt();
+    (seen..all).map(rms).map(|size| if size.is_finite() { size } else { 0.0 }).collect()
 }
 
 #[cfg(test)]
@@ -354,6 +404,25 @@ mod tests {
                 assert!(keeps(&mode.b, b0, &moved.modes[k].b, b), "mode {k} turned by {turn}");
                 assert!(keeps(&mode.c, c0, &moved.modes[k].c, c), "mode {k} turned by {turn}");
             }
+        }
+    }
+
+    /// Each kind of parameter is compared with its own limit, and one kind that is far off does not count for others.
+    #[test]
+    fn each_kind_is_off_by_itself() {
+        let ready = testing::laws::prepared(&[]);
+        let problem = &ready.problem;
+        let (nuisance, jacobian) = (&problem.nuisance, problem.jacobian(&problem.plant));
+        let times = [(Limit::Frequency, 3.0), (Limit::Damping, 0.5), (Limit::Shape, 2.0)];
+        let mut eta = vec![0.0; nuisance.len()];
+        for (limit, off) in times {
+            let of_limit = (0..nuisance.of_modes()).filter(|&k| nuisance.limit(k) == Some(limit));
+            of_limit.for_each(|k| eta[k] = off * nuisance.std[k] * if k % 2 == 0 { 1.0 } else { -1.0 });
+        }
+        for (limit, off) in times {
+            let stated = nuisance.off(limit, &eta, &jacobian, 0.0).unwrap();
+            assert!((stated * NORMAL_MEDIAN - off).abs() < 1e-12, "{limit:?}: {stated}");
+            assert_eq!(nuisance.off(limit, &eta, &jacobian, f64::INFINITY), None);
         }
     }
 

@@ -45,7 +45,7 @@ pub(crate) fn lacking_states(explained: &Explained, gaps: &Gap, material: f64) -
         let model = identified(problem, states)?;
         Some(blocks(&opened, &Plant::with_settings(&model, &problem.settings.plant).ok()?, &[]).gap())
     };
-    let states = plant.n();
+    let states = plant.seen_states();
     let left = gaps.beyond_noise(gaps.with_effect).min(gaps.beyond_noise(gap(states)?));
     (states + 1..=states + MOST_MORE).find_map(|needed| {
         let gap = gap(needed)?;

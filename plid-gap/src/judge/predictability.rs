@@ -158,7 +158,7 @@ fn grows_with_level(records: &[(f64, f64)], step: f64, least: f64) -> bool {
 /// Returns the predictability of the residual of each output in the driven records; `None` if these are
 /// too short.
 fn predictability(problem: &Problem, plant: &Plant, simulated: &[Channels]) -> Option<Vec<Predictability>> {
-    let past = problem.plant.n().clamp(PAST[0], PAST[1]);
+    let past = problem.plant.seen_states().clamp(PAST[0], PAST[1]);
     let driven: Vec<Driven> = problem
         .records
         .iter()

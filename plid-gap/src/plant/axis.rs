@@ -12,11 +12,18 @@ const SLOW_AND_FAST: [f64; 2] = [1e-3, 0.25];
 /// The axis is the port between the input and the collocated output. Of the outputs that sense a position or a
 /// velocity, or are declared to sense an acceleration, this is the one to which the input contributes the largest
 /// share. A velocity gives the displacement only if a spring holds the axis. Otherwise the displacement is not a
-/// combination of the states.
+/// combination of the states. If the velocity is declared as such, its integral is then a further state. What falls
+/// with frequency as the speed of a motor does may also be a temperature, whose integral is nothing.
 ///
 /// If no output measures a motion, the input itself may be a motion and an output the force that it requires, as for
 /// a damper on a testing machine. `kinds` are the declared kinds of the outputs.
-pub(super) fn infer(plant: &Plant, inputs: &[String], kinds: &[Option<OutputKind>]) -> Vec<Port> {
+pub(super) fn infer(plant: &mut Plant, inputs: &[String], kinds: &[Option<OutputKind>]) -> Vec<Port> {
+    for output in (0..plant.m).filter_map(|input| collocated(plant, input)).collect::<Vec<usize>>() {
+        if plant.sensed[output].source == KindSource::Declared {
+            plant.integrate(output);
+        }
+    }
+    let plant = &*plant;
     let axis = |(input, name): (usize, &String)| {
         let Some(output) = collocated(plant, input) else { return moved(plant, input, name, kinds) };
         let port = plant.between(&CasePort { name: name.clone(), input, output }).ok()?;
@@ -79,12 +86,17 @@ impl Plant {
     /// Returns the stiffness at a port on an axis: the force over the static displacement that it causes. Zero if
     /// nothing holds the axis, or if its displacement is not known.
     pub(super) fn axis_stiffness(&self, port: &Port) -> f64 {
-        let Some((a, _)) = self.rest.continuous.as_ref().filter(|(a, _)| !a.is_empty()) else { return 0.0 };
+        let seen = self.rest.seen();
+        let Some((a, _)) = self.rest.continuous.as_ref().filter(|_| seen > 0 && !self.integrates(port)) else {
+            return 0.0;
+        };
+        let a = a.view((0, 0), (seen, seen)).into_owned();
+        let [force, row] = [&port.force_rest, &port.displacement_rest].map(|of| of.rows(0, seen));
         let size = a.amax() * a.nrows() as f64;
         let compliance = |distance: f64| {
-            let shifted = a - DMatrix::identity(a.nrows(), a.nrows()) * (distance * size);
-            let displaced = shifted.lu().solve(&port.force_rest);
-            displaced.map_or(f64::INFINITY, |x| port.displacement_rest.dot(&x).abs())
+            let shifted = &a - DMatrix::identity(seen, seen) * (distance * size);
+            let displaced = shifted.lu().solve(&force);
+            displaced.map_or(f64::INFINITY, |x| row.dot(&x).abs())
         };
         // A pole at the origin is there only up to rounding. At half the distance from such a pole, the compliance is
         // twice as large.

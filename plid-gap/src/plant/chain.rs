@@ -99,6 +99,13 @@ impl SignalChain {
         chain
     }
 
+    /// Fits the actuators and filters to a rest with this number of states; further states have no part in them.
+    pub(super) fn resize(&mut self, states: usize) {
+        self.actuator.iter_mut().flatten().for_each(|actuator| actuator.row.resize_vertically_mut(states, 0.0));
+        let filters = self.filter.iter_mut().flatten();
+        filters.for_each(|filter| filter.column.resize_vertically_mut(states, C::ZERO));
+    }
+
     /// Returns the actuator's gain at s relative to zero frequency; one if no actuator is known.
     pub fn before(&self, input: usize, s: C) -> C {
         self.actuator[input].as_ref().map_or(C::ONE, |actuator| C::from(actuator.pole) / (s + actuator.pole))

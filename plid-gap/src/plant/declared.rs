@@ -21,7 +21,8 @@ impl Plant {
     ///
     /// A force at a port acts where the port's input acts, after the actuator if the simulation has one before its
     /// modes. It depends on the motion that the port's output measures, before the filters. Two ports of one input
-    /// are distinguished by their names; the only port of an input is at the location of that input.
+    /// are distinguished by their names; the only port of an input is at the location of that input. Without modes, the
+    /// displacement of a port whose velocity alone is known is a further state.
     ///
     /// # Errors
     /// The name of a port, and the reason why no force can act there: its output measures no motion, or the
@@ -40,6 +41,7 @@ impl Plant {
             if self.ports.iter().any(|port| port.name == declared.name) {
                 return Err((declared.name.clone(), "the simulation declares a port of this name".into()));
             }
+            self.integrate(declared.output);
             let port = self.between(declared).map_err(|why| (declared.name.clone(), why))?;
             self.ports.push(Port { input: own.then_some(declared.input), ..port });
         }

@@ -23,10 +23,12 @@ impl Plant {
         let port = &self.ports[port];
         let modes = self.modes.iter().zip(&port.displacement);
         let modes: f64 = modes.map(|(mode, row)| -2.0 * (row * mode.b[input] / mode.pole).re).sum();
-        let rest = if a.is_empty() {
+        let seen = self.rest.seen();
+        let rest = if seen == 0 {
             Some(0.0)
         } else {
-            a.clone().lu().solve(&b.column(input)).map(|x| -port.displacement_rest.dot(&x))
+            let at_rest = a.view((0, 0), (seen, seen)).into_owned().lu().solve(&b.view((0, input), (seen, 1)));
+            at_rest.map(|x| -port.displacement_rest.rows(0, seen).dot(&x.column(0)))
         };
         rest.is_some_and(|rest| (modes + rest - 1.0).abs() < FOLLOWS)
     }

@@ -18,6 +18,7 @@ mod reciprocal;
 mod sensor;
 mod shown_forces;
 mod spectrum;
+mod unseen;
 
 use std::sync::Arc;
 
@@ -255,7 +256,7 @@ impl Plant {
         let mut plant = plant.with_the_chain_that_fits(&model.output_kinds);
         let declared: Vec<Port> = model.ports.iter().map(|port| plant.declared(model, port)).collect();
         (plant.ports, plant.port_source) =
-            if declared.is_empty() { inferred(&plant, model) } else { (declared, PortSource::Declared) };
+            if declared.is_empty() { inferred(&mut plant, model) } else { (declared, PortSource::Declared) };
         Ok(plant)
     }
 
@@ -341,6 +342,11 @@ impl Plant {
     /// Returns the number of states: two for each mode, and those of the rest.
     pub fn n(&self) -> usize {
         2 * self.modes.len() + self.rest.a.nrows()
+    }
+
+    /// Returns the number of states on which the outputs depend.
+    pub fn seen_states(&self) -> usize {
+        2 * self.modes.len() + self.rest.seen()
     }
 
     /// Returns the mode nearest to a frequency.
@@ -438,7 +444,9 @@ fn lowest(modes: &[Mode]) -> f64 {
 
 /// Returns the poles of actuators and filters.
 fn signal_chain(rest: &NonModal, modes: &[Mode], step: f64, settings: &PlantSettings) -> SignalChain {
-    let mut chain = SignalChain::find(rest, step, lowest(modes), settings);
+    let states = if modes.is_empty() { rest.leading() } else { rest.clone() };
+    let mut chain = SignalChain::find(&states, step, lowest(modes), settings);
+    chain.resize(rest.a.nrows());
     if modes.is_empty() && chain.actuator.len() == 1 {
         // The only input drives every pole alone, so the pole of the axis cannot be distinguished from that of an
         // actuator.
@@ -542,7 +550,7 @@ fn rest_in_time(
 /// Infers the ports of a simulation that declares none. If outputs measure the motion of the axes, there is a port on
 /// the axis of each input and, in a structure, at each further position or velocity. Otherwise, the modes give a port
 /// at each input and at the outputs that reciprocity reaches.
-fn inferred(plant: &Plant, model: &Model) -> (Vec<Port>, PortSource) {
+fn inferred(plant: &mut Plant, model: &Model) -> (Vec<Port>, PortSource) {
     if plant.modes.is_empty() {
         return (axis::infer(plant, &model.inputs, &model.output_kinds), PortSource::Axis);
     }
@@ -662,6 +670,7 @@ impl Plant {
                 }
             }
         }
+        self.rest.renew_from(self.rest.seen(), 1.0 / self.rate);
     }
 }
 
@@ -679,15 +688,15 @@ impl Plant {
                 sum[o] += residue / (z - turn) + residue.conj() / (z - turn.conj());
             }
         }
-        let Some((a, _)) = self.rest.continuous.as_ref().filter(|(a, _)| a.nrows() > 0) else { return sum };
-        let r = a.nrows();
+        let r = self.rest.seen();
+        let Some((a, _)) = self.rest.continuous.as_ref().filter(|_| r > 0) else { return sum };
         let s = C::new(0.0, std::f64::consts::TAU * hz);
-        let shifted = DMatrix::from_diagonal_element(r, r, s) - a.map(C::from);
-        if let Some(x) = shifted.lu().solve(&port.force_rest.map(C::from)) {
+        let shifted = DMatrix::from_diagonal_element(r, r, s) - a.view((0, 0), (r, r)).map(C::from);
+        if let Some(x) = shifted.lu().solve(&port.force_rest.rows(0, r).map(C::from)) {
             // The frequency response of the hold: a sinc and a delay of half a sample.
             let half = std::f64::consts::PI * hz / self.rate;
             let hold = if half > 0.0 { C::cis(-half) * (half.sin() / half) } else { C::ONE };
-            sum += self.rest.c.map(C::from) * x * hold;
+            sum += self.rest.c.columns(0, r).map(C::from) * x * hold;
         }
         sum
     }
@@ -695,7 +704,7 @@ impl Plant {
     /// Returns the open-loop frequency response (p x m) for held inputs.
     fn open_response(&self, hz: f64) -> DMatrix<C> {
         let z = C::cis(std::f64::consts::TAU * hz / self.rate);
-        let r = self.rest.a.nrows();
+        let r = self.rest.seen();
         let mut sum = self.d.map(C::from);
         for mode in &self.modes {
             let turn = (mode.pole / self.rate).exp();
@@ -709,9 +718,9 @@ impl Plant {
             }
         }
         if r > 0 {
-            let shifted = DMatrix::from_diagonal_element(r, r, z) - self.rest.a.map(C::from);
-            if let Some(x) = shifted.lu().solve(&self.rest.b.map(C::from)) {
-                sum += self.rest.c.map(C::from) * x;
+            let shifted = DMatrix::from_diagonal_element(r, r, z) - self.rest.a.view((0, 0), (r, r)).map(C::from);
+            if let Some(x) = shifted.lu().solve(&self.rest.b.rows(0, r).map(C::from)) {
+                sum += self.rest.c.columns(0, r).map(C::from) * x;
             }
         }
         sum

@@ -122,12 +122,13 @@ impl Plant {
             let share = from * (to / from).powf(step as f64 / (FREQUENCIES - 1) as f64);
             let s = C::new(0.0, std::f64::consts::TAU * share * self.rate);
             let Some(states) = self.rest_response(s) else { return f64::INFINITY };
-            for i in 0..self.m {
-                let of = |row: &Row| self.row_response(row, &states, s, i);
-                let (given, found) = (of(row) + direct[i], of(integral) * s);
-                let both = given.norm_sqr() + found.norm_sqr();
-                sum += if both > 0.0 { (given - found).norm_sqr() / both } else { 0.0 };
-            }
+            let of = |row: &Row, i: usize| self.row_response(row, &states, s, i);
+            let pairs = (0..self.m).map(|i| (of(row, i) + direct[i], of(integral, i) * s));
+            let sizes = pairs.clone().map(|(given, found)| given.norm_sqr() + found.norm_sqr());
+            // An input that moves another axis contributes rounding errors.
+            let least = sizes.clone().fold(0.0, f64::max) * ROUNDING * ROUNDING;
+            let parts = pairs.zip(sizes).filter(|(_, both)| *both > least);
+            sum += parts.map(|((given, found), both)| (given - found).norm_sqr() / both).sum::<f64>();
         }
         sum / (FREQUENCIES * self.m) as f64
     }

@@ -1,6 +1,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{KindSource, NonModal, Plant, eigenvectors, phi1};
+use crate::case::limits::Limit;
 use plid_fourier::C;
 
 /// Largest relative error of the matrix that is reconstructed from its eigenvectors. The eigenvectors of nearly
@@ -24,6 +25,17 @@ pub enum RestNumber {
     Contribution,
 }
 
+impl RestNumber {
+    /// Returns the limit that applies to it. That of damping ratios also applies to rates and to the contribution.
+    pub(crate) fn limit(self) -> Limit {
+        match self {
+            Self::Frequency(_) => Limit::Frequency,
+            Self::Rate(_) | Self::Damping(_) | Self::Contribution => Limit::Damping,
+            Self::Input(_) | Self::Output(_) => Limit::Shape,
+        }
+    }
+}
+
 /// A real pole, or the upper one of a pair, with its eigenvectors (left . right = 1).
 #[derive(Debug, Clone)]
 struct Pole {
@@ -35,7 +47,8 @@ struct Pole {
 
 /// The poles of the rest with their eigenvectors, for a plant without structural modes. Each pole can be moved by
 /// itself. If there are modes and neither actuators nor filters, only the contribution of the rest as a whole may
-/// have an error, because a model that was identified from records has poles that imitate an effect.
+/// have an error, because a model that was identified from records has poles that imitate an effect. States that no
+/// output depends on keep their equations.
 #[derive(Debug, Clone)]
 pub struct Spectrum {
     poles: Vec<Pole>,
@@ -49,7 +62,7 @@ impl Spectrum {
     /// Decomposes the rest of a plant. `None` if the plant has modes and also actuators or filters, if the rest has
     /// no continuous form, or if its poles are too close to each other to be moved one by one.
     pub fn of(plant: &Plant) -> Option<Self> {
-        let rest = &plant.rest;
+        let rest = plant.rest.leading();
         if rest.a.nrows() == 0 || rest.continuous.is_none() {
             return None;
         }
@@ -109,7 +122,13 @@ impl Spectrum {
             }
         }
         let step = 1.0 / plant.rate;
-        let Some((_, b)) = &plant.rest.continuous else { return };
+        let Some((given, b)) = &plant.rest.continuous else { return };
+        let with_poles_of = |poles: &[Pole]| {
+            let leading = sum(poles, |pole| pole);
+            let mut all = given.clone();
+            all.view_mut((0, 0), leading.shape()).copy_from(&leading);
+            all
+        };
         let mut b = b.clone();
         b.column_iter_mut().zip(&inputs).for_each(|(mut column, gain)| column *= *gain);
         let mut c = plant.rest.c.clone();
@@ -117,9 +136,9 @@ impl Spectrum {
         let d = DMatrix::from_fn(plant.p, plant.m, |o, i| plant.d[(o, i)] * outputs[o] * inputs[i]);
         let a = sum(&poles, |pole| (pole * step).exp());
         let held = sum(&poles, |pole| phi1(pole * step) * step);
-        let a_time = sum(&poles, |pole| pole);
+        let a_time = with_poles_of(&poles);
         if poles.iter().zip(&self.poles).any(|(now, before)| now.pole != before.pole) {
-            let before = sum(&self.poles, |pole| pole);
+            let before = with_poles_of(&self.poles);
             let entered = plant.rest.continuous.as_ref().map(|(_, b)| b.clone()).unwrap_or_default();
             for (o, row) in self.displacements.iter().enumerate() {
                 let Some(row) = row.as_ref().and_then(|row| Some(row * inertia_kept(row, &before, &a_time, &entered)?))
@@ -137,7 +156,12 @@ impl Spectrum {
                 port.velocity_rest = a_time.tr_mul(&port.displacement_rest);
             }
         }
-        let rest = NonModal { a, b: held * &b, c, continuous: Some((a_time, b)) };
+        let seen = a.nrows();
+        let mut rest = NonModal { a: plant.rest.a.clone(), b: b.clone(), c, continuous: Some((a_time, b)) };
+        rest.a.view_mut((0, 0), (seen, seen)).copy_from(&a);
+        let entered = held * rest.b.rows(0, seen);
+        rest.b.rows_mut(0, seen).copy_from(&entered);
+        rest.renew_from(seen, step);
         (plant.rest, plant.d) = (rest, d);
     }
 

@@ -6,10 +6,11 @@ use nalgebra::dmatrix;
 use plid_model::{Continuous, Model, Port};
 
 use crate::answer::schema::Diagnosis;
-use crate::case::record::Channels;
+use crate::case::record::{Channels, rms};
 use crate::case::{Case, PortConfig};
-use crate::effects::Library;
+use crate::effects::{Action, Effect, Library};
 use crate::judge::verdict::Verdict;
+use crate::simulate::{Fineness, simulate};
 use crate::testing::blind::integrate;
 use crate::testing::{add_noise, case_of_axis, diagnosed, diagnosed_among, first_is, held, only, random_input};
 
@@ -419,6 +420,78 @@ fn stops_that_one_record_reaches_are_named() {
     assert!(of.starts_with("the last ") && of.ends_with(" of random-3"), "{of}");
 }
 
+/// Returns the case with an output that is declared to measure a velocity.
+fn seen_by_its_speed(mut case: Case) -> Case {
+    case.model.as_mut().unwrap().output_kinds = vec![Some(plid_model::OutputKind::Velocity)];
+    case
+}
+
+/// Returns an input that drives a motor back and forth between two places, with a random part that does not let it
+/// wander.
+fn back_and_forth(record: usize) -> Channels {
+    let mut u = drawn(record);
+    let before: Vec<f64> = u[0].clone();
+    for (n, u) in u[0].iter_mut().enumerate() {
+        *u -= if n < HOLD { 0.0 } else { before[n - HOLD] };
+        let (push, since) = (n.saturating_sub(200) / 250, n.saturating_sub(200) % 250);
+        if n >= 200 && since < if push == 0 { 50 } else { 100 } {
+            *u += if push % 2 == 0 { 2.0 } else { -2.0 };
+        }
+    }
+    u
+}
+
+/// Returns the force of soft stops on both sides, on which a unit mass bounces at 5 Hz.
+fn buffers(d: f64, v: f64) -> f64 {
+    let (x, w) = (d.abs() - 0.08, TAU * 5.0);
+    if x > 0.0 { -d.signum() * (w * w * x + 0.4 * w * d.signum() * v).max(0.0) } else { 0.0 }
+}
+
+/// A law of the integrated displacement moves the speed as it does where the displacement is a state.
+#[test]
+fn stops_act_on_the_integral_of_a_speed() {
+    use crate::effects::{EndStop, Place, Setting};
+    let motor = Axis { mass: 1.0, c: 4.0, k: 0.0, force: buffers, position: false };
+    let case = seen_by_its_speed(motor.case());
+    let model = case.model.as_ref().unwrap();
+    let plant = crate::plant::Plant::new(model).unwrap();
+    let w = TAU * 5.0;
+    let actions = EndStop.act(&Setting::bare(&plant, model), &Place::Input(0), &[w * w, 0.4 * w, 0.08]);
+    for record in [0, 1].map(back_and_forth) {
+        let run = |actions: &[Action]| simulate(&plant, actions, &record, 0.0, None, Fineness::FINE).swap_remove(0);
+        let right = integrate(&motor.truth(), &record, Some(&motor.force)).0.swap_remove(0);
+        let far = |y: Vec<f64>| rms(y.iter().zip(&right).map(|(a, b)| a - b)) / rms(&right);
+        let [with, without] = [far(run(&actions)), far(run(&[]))];
+        assert!(with < 0.01 * without && without > 0.1, "{with} {without}");
+    }
+}
+
+/// The spring of a motor is found although only its speed is measured, and the evidence says where its displacement
+/// comes from.
+#[test]
+fn what_holds_a_motor_is_found_in_its_speed() {
+    let motor = Axis { mass: 1.0, c: 4.0, k: 0.0, force: none, position: false };
+    let mut case = Axis { k: 4.0, ..motor }.case_of(back_and_forth, |_| {});
+    let noise = case.model.as_ref().unwrap().noise.clone();
+    case.model = Some(Model { noise, ..motor.simulation() });
+    only(&mut case, &["added-stiffness", "cubic-stiffness", "coulomb-friction", "added-damping"]);
+    let plant = crate::plant::Plant::new(case.model.as_ref().unwrap()).unwrap();
+    assert!(!plant.ports[0].sees_displacement());
+    let found = diagnosed(&seen_by_its_speed(case));
+    assert_eq!(found.verdict, Verdict::Effects, "{}", found.sentence);
+    let k = first_is(&found, "added-stiffness", "input:u1").parameters["k"].value;
+    assert!((k / 4.0 - 1.0).abs() < 0.1, "{k}");
+    assert!(found.evidence.iter().any(|words| words.contains("at u1 is the integral of the velocity")));
+}
+
+/// A sound motor has no spring, although one could act on its integrated speed.
+#[test]
+fn nothing_is_missing_from_a_sound_motor_seen_by_its_speed() {
+    let motor = Axis { mass: 1.0, c: 4.0, k: 0.0, force: none, position: false };
+    let found = diagnosed(&seen_by_its_speed(motor.case()));
+    assert_eq!(found.verdict, Verdict::None, "{}", found.sentence);
+}
+
 /// If an effect has no location, the evidence states what must be declared: a displacement, or any motion at all. A
 /// declared accelerometer is sufficient for friction.
 #[test]
@@ -428,6 +501,7 @@ fn what_has_no_place_is_said() {
     let mut case = motor.case();
     let found = diagnosed(&case);
     assert!(says(&found, "were not considered at u1, where only the velocity is known"), "{:?}", found.evidence);
+    assert!(says(&found, "Declare that the output measures a velocity (`output_kinds`)"), "{:?}", found.evidence);
     // The acceleration takes the place of the velocity.
     for record in &mut case.records {
         record.y[0].iter_mut().zip(&record.u[0]).for_each(|(y, u)| *y = u - 4.0 * *y);

@@ -230,6 +230,19 @@ fn friction_that_sticks_is_named_on_a_slider_under_control() {
     }
 }
 
+/// Effects on the command act inside the loop. They are not tried, and the answer says so by name.
+#[test]
+fn effects_on_the_command_are_said_not_to_be_tried() {
+    let exact = smooth(SLIDER, |_, _| 0.0);
+    let case = read(written(&SLIDER.simulation(), GENTLE, &exact, 1e-5, Given::References).path()).unwrap();
+    let audit = crate::audit::audit(&case, &Library::standard(), &[], &mut |_| {}).unwrap();
+    let said = audit.case.warnings.iter().find(|words| words.starts_with("Not considered")).unwrap();
+    for kind in ["gain", "lag", "delay", "saturation", "dead-zone"] {
+        let name = format!("actuator-{kind}");
+        assert!(said.contains(&name) && audit.case.config.exclude.contains(&name), "{name}: {said}");
+    }
+}
+
 #[test]
 fn a_cubic_spring_is_named_on_an_unstable_pendulum() {
     let cube = smooth(PENDULUM, |d, _| -3e4 * d.powi(3));
