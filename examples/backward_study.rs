@@ -8,10 +8,11 @@
 //!
 //! There is one case for each effect and seed, with a gap of 5 to 15 %, ports and all six records. The plant is the
 //! truss. If the effect makes no sense on the truss, the plant is one of the others that can have it, in turn. `all`
-//! stands for every effect of the vocabulary. Effects that the limits of the simulation allow (of frequencies,
-//! damping ratios, gains) are drawn beyond these limits, with a larger gap. With `--out`, each finished case is
-//! written to a file in FOLDER, and the same command continues after an interruption. Without arguments, it is a
-//! trial of a few seconds with one effect, one seed and short records.
+//! stands for every effect of the vocabulary. EFFECT+PARAMETER stands for the cases of an effect that have a parameter
+//! which others leave out: `iwan-joint+s` is a joint of which the simulation contains a share s as a spring. Effects
+//! that the limits of the simulation allow (of frequencies, damping ratios, gains) are drawn beyond these limits, with
+//! a larger gap. With `--out`, each finished case is written to a file in FOLDER, and the same command continues after
+//! an interruption. Without arguments, it is a trial of a few seconds with one effect, one seed and short records.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -34,7 +35,7 @@ use serde::{Deserialize, Serialize};
 
 #[derive(Parser)]
 struct Arguments {
-    /// Effects of the vocabulary, or `all`.
+    /// Effects of the vocabulary, each with a parameter that its cases have (`iwan-joint+s`), or `all`.
     effects: Vec<String>,
     /// Number of cases of each effect.
     #[arg(long, default_value_t = 40)]
@@ -60,6 +61,11 @@ const GAPS: [f64; 2] = [0.05, 0.15];
 /// errors.
 const STRONGER: f64 = 1.3;
 
+/// Distance between the seeds that are drawn in turn until a case has a parameter that its kind may leave out, and the
+/// number of these seeds.
+const NEXT_SEED: u64 = 100_000;
+const MOST_SEEDS: u64 = 20;
+
 /// Smallest ratio of the gap to the noise floor for which a shrink is stated. Random effects belong to the floor.
 const STANDS_OUT: f64 = 1.5;
 
@@ -72,6 +78,7 @@ struct Found {
     spec: GapSpec,
     /// The reason why there is no case, which is that no strength of this draw gives the gap. `None` if there is a
     /// case.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     undrawn: Option<String>,
     /// The effects that were named, with their locations.
     named: Vec<(String, String)>,
@@ -82,9 +89,11 @@ struct Found {
     /// The true and the stated value of each parameter, if the effect was found.
     parameters: BTreeMap<String, (f64, Option<Value>)>,
     /// Whether all true values lie in their intervals; `None` if one has no interval.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     covered: Option<bool>,
     /// Share of the gap beyond the noise that is closed on the held-out record; `None` if the gap there is not larger
     /// than the noise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     shrink: Option<f64>,
     seconds: f64,
 }
@@ -152,12 +161,18 @@ fn one(effect: &str, seed: u64, arguments: &Arguments) -> Result<Found, Box<dyn 
 
 /// Returns the specification of a case. Every other simulation is slightly wrong.
 fn spec(effect: &str, seed: u64, length: f64) -> GapSpec {
+    let (effect, _) = kind(effect);
     let share: f64 = ChaCha8Rng::seed_from_u64(seed).random();
     let gap = GAPS[0] * (GAPS[1] / GAPS[0]).powf(share);
     let effects = vec![EffectSpec { kind: effect.to_owned(), at: None, law: None, gap }];
     let plant = plant(effect, seed);
     let (channels, perturbed) = (plant.channels(), seed % 2 == 1);
     GapSpec { effects, perturbed, ports: true, length, plant, channels, ..GapSpec::default() }
+}
+
+/// Returns the effect of `EFFECT+PARAMETER`, and the parameter if there is one.
+fn kind(effect: &str) -> (&str, Option<&str>) {
+    effect.split_once('+').map_or((effect, None), |(effect, parameter)| (effect, Some(parameter)))
 }
 
 /// Returns the plant of a case: the truss if the effect makes sense on it, otherwise one of those that can have it.
@@ -184,7 +199,7 @@ fn plant_and_find(effect: &str, seed: u64, spec: GapSpec) -> Result<Found, Box<d
         shrink: None,
         seconds: 0.0,
     };
-    let drawn = match clear(seed, &found.spec) {
+    let drawn = match with_parameter(seed, &found.spec, kind(effect).1) {
         Ok(drawn) => drawn,
         Err(error @ (GapError::Unreachable { .. } | GapError::Unseen { .. })) => {
             return Ok(Found { undrawn: Some(error.to_string()), ..found });
@@ -212,6 +227,22 @@ fn plant_and_find(effect: &str, seed: u64, spec: GapSpec) -> Result<Found, Box<d
     found.shrink = shrink(&drawn, &answer)?;
     found.seconds = clock.elapsed().as_secs_f64();
     Ok(found)
+}
+
+/// Draws a case whose effect has this parameter, if one is given.
+fn with_parameter(seed: u64, spec: &GapSpec, parameter: Option<&str>) -> Result<GapCase, GapError> {
+    let has = |case: &GapCase| {
+        let truth = &case.label.effects[0];
+        parameter.is_none_or(|name| truth.parameter_names().iter().zip(&truth.par).any(|(known, _)| *known == name))
+    };
+    let mut drawn = clear(seed, spec)?;
+    for further in 1..MOST_SEEDS {
+        if has(&drawn) {
+            break;
+        }
+        drawn = clear(seed + further * NEXT_SEED, spec)?;
+    }
+    Ok(drawn)
 }
 
 /// Draws a case. An effect within the stated limits of the simulation cannot be found, so its gap is increased until

@@ -461,6 +461,46 @@ def at_end(name, before, now, z, p):
     return since * (end - side * max(p["c"] * side * speed, 0.0))
 
 
+def bent(share, before, after):
+    """The straight line, as its start and its change, that moves a body as two straight pieces of a force do: it has
+    their sum and their first moment. Each piece goes from one value to another; the second begins at this share."""
+    left = 1 - share
+    total = 0.5 * (share * sum(before) + left * sum(after))
+    moment = (share * (0.5 * sum(before) - share * (before[0] + 2 * before[1]) / 6)
+              + left**2 * (2 * after[0] + after[1]) / 6)
+    return 6 * moment - 2 * total, 6 * total - 12 * moment
+
+
+def friction(before, now, acting, most, stuck, by):
+    """Dry friction in a part of a sample in which it holds its port, lets it go or brings it to rest; None in another
+    part. Its start and its change, its value where the port rests or slides off, and the share of the part in which
+    the port slides off. `by` is what a held unit and a ramp to one do to displacement and velocity."""
+    (d_held, v_held), (d_ramp, v_ramp) = by
+    (d0, v0), (d1, v1) = before, now
+    if stuck or v0 == 0:
+        # The straight line that keeps the port where it is.
+        twist = v_held * d_ramp - d_held * v_ramp
+        change = (d_held * v1 - v_held * (d1 - d0)) / twist if twist else 0.0
+        start = acting - (v1 + v_ramp * change) / v_held
+        end, mean = start + change, start + 0.5 * change
+        if abs(mean) > most or abs(end) > most >= abs(start):
+            edge = math.copysign(most, mean if abs(start) > most else end)
+            share = 0.0 if abs(start) > most else (edge - start) / change
+            return *bent(share, (start, edge), (edge, edge)), edge, 1 - share
+        return start, change, end, 0.0
+    if v0 * v1 > 0:
+        return None
+    last = -math.copysign(most, v0)
+    braked = v1 + v_held * 0.5 * (last - acting)
+    share = min(max(v0 / (v0 - braked), 0.0), 1.0)
+    rests = acting - (v1 - v0) / v_held
+    force = min(max(rests, -most), most)
+    start, change = bent(share, (acting, last), (force, force))
+    if force == rests:
+        return acting - (v1 + v_ramp * change) / v_held, change, force, 0.0
+    return start, change, force, 1 - share
+
+
 def structure(model, q, u, parts, t, forces, pushes, drifts, loop):
     """Everything between the command and the sensors, part by part."""
     (a, b), c, d = in_time(model, q), np.array(model["C"]), np.array(model["D"])
@@ -481,14 +521,15 @@ def structure(model, q, u, parts, t, forces, pushes, drifts, loop):
     kept = [0.0 if name in HOLDS else None for name, *_ in forces]  # the force that holds a port, None while it moves
     act = lambda j, name, p: FORCES[name](*seen[j], z[j], p) if kept[j] is None else kept[j]
     law = lambda: [act(j, name, p) for j, (name, p, _) in enumerate(forces)]
-    gain = np.einsum("jn,nj->j", sees[1::2], held[:, :count])  # velocity at each port by its own held unit
+    own = lambda: [[sees[2 * j:2 * j + 2] @ by[:, j] for by in (held, ramp)] for j in range(count)]
+    by = own()  # displacement and velocity at each port by its own held unit, and by its ramp to one
     for k in range(len(t)):
         if drifts and k % DRIFT_SAMPLES == 0:
             middle = t[k] + DRIFT_SAMPLES / 2 * parts * h
             now, c, sees = stiffened(a, plain_c, plain_sees, q, math.prod(drift(middle, p) for drift, p in drifts))
             step, add, _ = over(now, b, h)
             _, held, ramp = over(now, column, h)
-            gain = np.einsum("jn,nj->j", sees[1::2], held[:, :count])
+            by = own()
             seen = (sees @ x).reshape(-1, 2).tolist()
         for part in range(k * parts, (k + 1) * parts):
             f[:count] = law()
@@ -507,24 +548,23 @@ def structure(model, q, u, parts, t, forces, pushes, drifts, loop):
                 # So far the forces were held. What they are at the end of that step says how they change on the way:
                 # the change is a ramp (exponential time differencing of second order, Cox and Matthews 2002).
                 before, seen = seen, (sees @ x).reshape(-1, 2).tolist()
+                slides, change, starts = [1.0] * count, np.zeros(count), f[:count].copy()
                 for j, (name, p, _) in enumerate(forces):
-                    # Friction that holds its port, or on whose way the velocity passes zero, becomes the force that
-                    # brings the port to rest at the end of the part, as far as it can (the time stepping of Moreau).
-                    v = seen[j][1]
-                    if name in HOLDS and (kept[j] is not None or before[j][1] * v <= 0):
-                        wanted, most = f[j] - v / gain[j], HOLDS[name](p)
-                        force = min(max(wanted, -most), most)
-                        kept[j] = force if force == wanted else None
-                        x = x + held[:, j] * (force - f[j])
-                        f[j] = force
+                    # Where friction sets in or lets go within the part, its straight line moves the port as the force
+                    # that switches there does.
+                    switched = name in HOLDS and friction(before[j], seen[j], f[j], HOLDS[name](p),
+                                                          kept[j] is not None, by[j])
+                    if switched:
+                        start, change[j], starts[j], slides[j] = switched
+                        kept[j] = starts[j] if slides[j] == 0 else None
+                        x = x + held[:, j] * (start - f[j]) + ramp[:, j] * change[j]
+                        f[j] = start
                         seen[j:] = (sees @ x).reshape(-1, 2).tolist()[j:]
-                        if kept[j] is not None:
-                            seen[j][1] = 0.0
                     if name in SLIPS:
                         z[j], passed[j] = SLIPS[name](z[j], seen[j][0] - passed[j], p), seen[j][0]
                 ends = [at_end(name, before[j], seen[j], z[j], p) if kept[j] is None else kept[j]
                         for j, (name, p, _) in enumerate(forces)]
-                x += ramp[:, :count] @ (np.array(ends) - f[:count])
+                x += ramp[:, :count] @ (np.array(slides) * (np.array(ends) - starts))
                 seen = (sees @ x).reshape(-1, 2).tolist()
     return y
 

@@ -201,6 +201,7 @@ pub struct EffectsConfig {
     /// r in `w_m^2 -> w_m^2 (1 + r t)` for every mode, 1/s; t runs on through the repeats.
     pub stiffness_drift_per_s: f64,
     /// Cubic stiffness at one strut.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub cubic_joint: Option<CubicJoint>,
     /// Integration steps within a sample, used only where an effect acts inside the structure or changes a voltage
     /// within a sample.
@@ -257,14 +258,14 @@ impl TrussConfig {
     /// # Errors
     /// Returns an error that names the first key that is wrong.
     pub fn check(&self) -> Result<(), TestbedError> {
+        within("repeats", self.repeats, 1, MOST_SAMPLES)?;
         let modes = self.structure.strut_modes_per_tube * structure::TUBES + structure::PLATFORM_MODES;
-        self.check_for(modes, 0)
+        self.check_for(modes, self.samples()? * self.repeats)
     }
 
-    /// Checks the keys for a plant with `modes` modes and for records that begin `start` samples after the first one.
-    pub(crate) fn check_for(&self, modes: usize, start: usize) -> Result<(), TestbedError> {
-        within("repeats", self.repeats, 1, MOST_SAMPLES)?;
-        let samples = self.samples()?;
+    /// Checks the keys for a plant with `modes` modes and for a record that ends `end` samples after the first one
+    /// began. The keys on the number of samples are not considered: a gap case has a schedule of its own.
+    pub(crate) fn check_for(&self, modes: usize, end: usize) -> Result<(), TestbedError> {
         not_negative("noise.sensor_rms_v", self.noise.sensor_rms_v)?;
         not_negative("noise.amplifier_rms_v", self.noise.amplifier_rms_v)?;
         not_negative("noise.ambient_rms_v", self.noise.ambient_rms_v)?;
@@ -286,7 +287,7 @@ impl TrussConfig {
         within("effects.steps_per_sample", self.effects.steps_per_sample, 1, 1000)?;
         let rate = self.effects.stiffness_drift_per_s;
         finite("effects.stiffness_drift_per_s", rate)?;
-        let end_s = (start + samples * self.repeats) as f64 / self.sample_rate_hz;
+        let end_s = end as f64 / self.sample_rate_hz;
         if 1.0 + rate * end_s <= 0.0 {
             return Err(TestbedError::NoStiffness { rate, end_s });
         }
@@ -312,4 +313,20 @@ pub(crate) fn finite(key: &'static str, value: f64) -> Result<(), TestbedError> 
 
 pub(crate) fn within(key: &'static str, value: usize, least: usize, most: usize) -> Result<(), TestbedError> {
     if (least..=most).contains(&value) { Ok(()) } else { Err(TestbedError::OutOfRange { key, value, least, most }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A gap case has records of its own, whose length has nothing to do with the duration of the config.
+    #[test]
+    fn a_drift_is_checked_up_to_the_end_of_the_record() {
+        let mut config = TrussConfig::default();
+        // Nothing is left of the stiffness after 10 s.
+        config.effects.stiffness_drift_per_s = -0.1;
+        let end = |seconds: f64| (seconds * config.sample_rate_hz) as usize;
+        assert_eq!(config.check_for(10, end(9.9)), Ok(()));
+        assert_eq!(config.check_for(10, end(10.1)), Err(TestbedError::NoStiffness { rate: -0.1, end_s: 10.1 }));
+    }
 }

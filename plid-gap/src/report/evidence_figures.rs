@@ -2,6 +2,7 @@
 
 use plid_report::{Axis, Chart, Report, Series, chart, charts};
 
+use super::traces::unit;
 use super::words::{with, worst};
 use super::{MEASURED, REFERENCE};
 use crate::diagnose::Outcome;
@@ -106,7 +107,7 @@ fn left_out(lines: &Lines, outcome: &Outcome) -> String {
     );
     let measured = || output.iter().map(|line| line.measured).filter(|x| *x > 0.0);
     let (low, high) = (measured().fold(f64::INFINITY, f64::min), measured().fold(0.0, f64::max));
-    let y = Axis::log("RMS of a line, as recorded");
+    let y = Axis::log(format!("RMS of a line, {}", unit(&outcome.shown.units, worst(outcome))));
     chart(&Chart {
         title: String::new(),
         x: Axis::linear("frequency, Hz"),

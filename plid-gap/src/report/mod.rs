@@ -6,11 +6,12 @@ mod evidence;
 mod evidence_figures;
 mod hidden;
 mod response;
+mod shape;
 mod shrink;
 #[cfg(test)]
 mod tests;
 pub(crate) mod traces;
-mod whereabouts;
+pub(crate) mod whereabouts;
 mod words;
 mod write;
 
@@ -44,6 +45,7 @@ pub fn page(outcome: &Outcome, case: &Case) -> Report {
     report = report.warnings(&outcome.diagnosis.warnings).advice(&outcome.diagnosis.next_experiment);
     report = shrink::section(report, outcome);
     report = whereabouts::section(report, outcome);
+    report = shape::figures(report, outcome);
     report = whereabouts::remains(report, outcome);
     report = evidence::section(report, outcome, case);
     report = details::section(report, outcome, case);

@@ -9,6 +9,7 @@ use crate::answer::schema::{
     Change, Comparison, Diagnosis, Explanation, Gap, Located, NamedEffect, Remainder, RemainderPlace, ShrinkOver,
     SimulationWithEffects, Value, Where, WrittenEffect,
 };
+use crate::answer::shape::{Motion, Shape};
 use crate::case::levels::LevelRun;
 use crate::case::record::{Channels, Record};
 use crate::case::{Case, CaseConfig};
@@ -116,13 +117,28 @@ fn diagnosis() -> Diagnosis {
         not_separable: vec![vec!["cubic-stiffness@input:u1".into(), "clearance@input:u1".into()]],
         separability: separability(),
         statements: Vec::new(),
+        shapes: vec![shape()],
         place: place(),
         gap: gap(),
+        statistics: None,
         remainder: remainder(),
         next_experiment: Some("Record it at <twice> the level.".into()),
         evidence: vec!["The resonance at 11 Hz stiffens & the damping does not change.".into()],
         settings: crate::settings::GapSettings::default(),
         warnings: vec!["a&b.csv: 3 samples are missing.".into()],
+    }
+}
+
+fn shape() -> Shape {
+    Shape {
+        effect: CUBIC.into(),
+        location: "input:u1".into(),
+        family: Some("springs & more".into()),
+        over: Motion::Displacement,
+        unit: "mm".into(),
+        force_unit: "N".into(),
+        points: vec![[-1.0, 2.0], [0.5, -0.25], [2.0, -16.0]],
+        ci95: Some(vec![[1.5, 2.5], [-0.3, -0.2], [-18.0, -14.0]]),
     }
 }
 
@@ -132,6 +148,7 @@ fn remainder() -> Remainder {
         noise: 0.01,
         share_of_gap: 0.0019,
         further_cause: 0.12,
+        material: 0.02,
         repeats: Some(0.35),
         place: RemainderPlace { channels: place().channels, bands_hz: vec![[10.0, 12.0, 0.8]] },
         nearest: vec![Located { effect: "clearance".into(), location: "input:u1".into() }],
@@ -260,6 +277,7 @@ fn shown(case: &Case) -> Shown {
     let last = &case.records[1].y;
     Shown {
         outputs: case.config.outputs.clone(),
+        units: vec![Some("rad/s".into()), Some("m".into())],
         rate: 100.0,
         before: map(vec![(0.3, 0.04), (1.0, 0.4)]),
         after: map(vec![(0.3, 0.0), (1.0, 0.01)]),
@@ -328,6 +346,10 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "a gap of 2.00\u{a0}% remains, and noise alone makes 1.00\u{a0}%",
         "35.0\u{a0}% of its power, noise included, repeats",
         "clearance at input:u1 comes nearest",
+        // Axes in the units of the outputs.
+        "y2, m",
+        "error, rad/s",
+        "density of y2, (m)²/Hz",
         // The shrink relative to another model, with its interval.
         "the bounded refit",
         "86.00",
@@ -341,6 +363,29 @@ fn the_page_says_all_that_the_diagnosis_says() {
     // The gap, a trace, spectra, two maps, shares, level, responses twice, resonances, lines, the screen, the refit,
     // and the folded details.
     assert!(html.matches("<figure>").count() >= 16, "{}", html.matches("<figure>").count());
+}
+
+/// The curve of a law has the units of its port on its axes and, if the fit gives one, an interval.
+#[test]
+fn the_shape_of_a_law_is_drawn_with_its_units() {
+    let case = case();
+    let mut outcome = outcome(&case);
+    let text = |outcome: &Outcome| page(outcome, &case).to_html();
+    let html = text(&outcome);
+    for said in [
+        "Shape of cubic-stiffness at input:u1 (family: springs &amp; more)",
+        ">displacement, mm<",
+        ">force, N<",
+        ">95 % interval<",
+        "Band: 95 % interval",
+    ] {
+        assert!(html.contains(said), "{said}");
+    }
+    outcome.diagnosis.shapes[0] = Shape { ci95: None, unit: "displacement".into(), ..shape() };
+    let bare = text(&outcome);
+    assert!(bare.contains(">displacement<") && !bare.contains("Band: 95 % interval"));
+    outcome.diagnosis.shapes.clear();
+    assert!(!text(&outcome).contains("Shape of"));
 }
 
 /// The map of the remainder is beside its sentence, before the details.

@@ -38,6 +38,8 @@ pub(crate) struct Traces<'t> {
     pub rate: f64,
     /// Names of the outputs (p).
     pub outputs: &'t [String],
+    /// Unit of each output, if it is known.
+    pub units: &'t [Option<String>],
     /// The outputs: measured, simulated as given, and simulated with the effects (p channels each).
     pub y: &'t [Channels; 3],
     /// Label of the simulation with the effects.
@@ -55,6 +57,7 @@ impl<'t> Traces<'t> {
             record: &shown.trace_record,
             rate: shown.rate,
             outputs: &shown.outputs,
+            units: &shown.units,
             y: &shown.trace,
             with: with(outcome).into(),
             noise: &shown.noise,
@@ -62,9 +65,15 @@ impl<'t> Traces<'t> {
     }
 }
 
+/// Returns the unit of output `o` for a label.
+pub(super) fn unit(units: &[Option<String>], o: usize) -> &str {
+    units.get(o).and_then(Option::as_deref).unwrap_or("as recorded")
+}
+
 /// Draws the loudest stretch of output `o`, with the errors below.
 pub(crate) fn window(shown: &Traces, o: usize) -> String {
     let [measured, given, found] = shown.y;
+    let unit = unit(shown.units, o);
     let range = loudest(measured);
     let points = |value: &dyn Fn(usize) -> f64| -> Vec<(f64, f64)> {
         range.clone().map(|k| (k as f64 / shown.rate, value(k))).collect()
@@ -81,7 +90,7 @@ pub(crate) fn window(shown: &Traces, o: usize) -> String {
     };
     charts(&[
         part(
-            format!("{}, as recorded", shown.outputs[o]),
+            format!("{}, {unit}", shown.outputs[o]),
             170.0,
             vec![
                 Series::line("measured", points(&|k| y[k])).colour(MEASURED).width(3.0),
@@ -90,7 +99,7 @@ pub(crate) fn window(shown: &Traces, o: usize) -> String {
             ],
         ),
         part(
-            "error".into(),
+            format!("error, {unit}"),
             100.0,
             vec![
                 Series::line("as given", points(&|k| y[k] - as_given[k])).colour(GIVEN).width(1.4),
@@ -118,7 +127,7 @@ pub(crate) fn spectra(shown: &Traces, o: usize) -> Option<String> {
     Some(chart(&Chart {
         title: String::new(),
         x: Axis::linear("frequency, Hz").range(0.0, 0.5 * shown.rate),
-        y: Axis::log(format!("density of {}, (as recorded)²/Hz", shown.outputs[o])),
+        y: Axis::log(format!("density of {}, ({})²/Hz", shown.outputs[o], unit(shown.units, o))),
         series: vec![
             Series::line("measured", density(0)).colour(MEASURED).width(2.4),
             Series::line("error as given", density(1)).colour(GIVEN).width(1.6),
@@ -131,7 +140,13 @@ pub(crate) fn spectra(shown: &Traces, o: usize) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::loudest;
+    use super::{loudest, unit};
+
+    #[test]
+    fn an_unknown_unit_is_that_of_the_record() {
+        let units = [Some("rad/s".to_owned()), None];
+        assert_eq!([0, 1, 2].map(|o| unit(&units, o)), ["rad/s", "as recorded", "as recorded"]);
+    }
 
     #[test]
     fn the_loudest_moment_is_found_and_a_short_record_is_shown_whole() {

@@ -6,6 +6,7 @@ use plid_report::{Axis, Bar, Bars, Chart, HeatMap, Report, Series, bars as bars_
 
 use super::words::{percent, unbroken, with};
 use super::{GIVEN, WITH};
+use crate::answer::schema::Where;
 use crate::answer::statements::what_remains;
 use crate::diagnose::Outcome;
 use crate::effects::Side;
@@ -21,7 +22,7 @@ const FEWEST: usize = 8;
 /// Adds the section.
 pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
     let shown = &outcome.shown;
-    let report = report.heading("2. Where").paragraph(sentence(outcome));
+    let report = report.heading("2. Where").paragraph(sentence(&outcome.diagnosis.place));
     let mut report = if shown.before.share.sum() > 0.0 {
         report
             .figure(
@@ -49,8 +50,8 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
     report
 }
 
-fn sentence(outcome: &Outcome) -> String {
-    let place = &outcome.diagnosis.place;
+/// States the part of the signal path, and the places and bands with the largest shares.
+pub(crate) fn sentence(place: &Where) -> String {
     let side = match place.side {
         _ if !place.side_is_clear => "Part of the signal path: not clear from the residual.",
         None => "",

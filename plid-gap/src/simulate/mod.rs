@@ -3,10 +3,12 @@
 //! The structure's modes are advanced exactly for a held input. A force that depends on the motion is approximated as
 //! linear in time over each part of a sample, by a predictor and a corrector in continuous time (exponential time
 //! differencing, second order: Cox and Matthews, J. Comput. Phys. 176, 2002). [`Fineness`] states the number of parts
-//! of a sample.
+//! of a sample. Where a stop is reached ([`Force::at_end`]), or dry friction sticks or slips (`friction`), the instant
+//! within the part is located.
 
 mod block;
 mod feedback;
+mod friction;
 pub(crate) mod lanes;
 mod runner;
 mod together;

@@ -7,6 +7,7 @@ use crate::effects::{Drive, Force};
 use crate::plant::{Carried, Plant};
 use crate::simulate::block::{Block, Maps};
 use crate::simulate::feedback::Feedback;
+use crate::simulate::friction::{Part, Response};
 use crate::simulate::lanes::{self, Lane, Quad, Rows, WIDE};
 use crate::simulate::{State, blocks_of};
 use plid_fourier::C;
@@ -138,8 +139,12 @@ struct Hold {
     most: f64,
     /// Whether the port is at rest.
     stuck: bool,
-    /// The force of the last part.
+    /// The force that holds the port, or with which it slides off.
     force: f64,
+    /// The linear change of the force over a part in which it switches.
+    change: f64,
+    /// The share of a part at the end of which the port slides.
+    slides: f64,
 }
 
 /// A disturbance at a port: its value in each run, and the direct response of the outputs to a unit.
@@ -352,15 +357,16 @@ impl<'a, const R: usize> Runner<'a, R> {
         }
         for (j, port) in ports.iter_mut().enumerate() {
             let (at_d, at_v) = (block.d(j, part), block.v(j, part));
-            port.hold_still(motion, forces, &maps.held[j * block.parts + part], [at_d, at_v]);
+            let at = j * block.parts + part;
+            port.switch(motion, forces, [&maps.held[at], &maps.ramp[at]], [at_d, at_v]);
             let (d, v, held) = (lanes::all(motion, at_d), lanes::all(motion, at_v), lanes::all(forces, at_d));
             let change = std::array::from_fn(|r| {
                 let (law, moving) = (port.laws[r], &mut port.moving[r]);
                 law.advance(moving.path, d[r], &mut moving.state);
                 moving.path = d[r];
-                let stuck = moving.hold.as_ref().is_some_and(|hold| hold.stuck);
+                let (slides, force) = moving.hold.map_or((1.0, held[r]), |hold| (hold.slides, hold.force));
                 let from = [moving.d, moving.v];
-                if stuck { 0.0 } else { law.at_end(from, [d[r], v[r]], &moving.state) - held[r] }
+                if slides == 0.0 { 0.0 } else { slides * (law.at_end(from, [d[r], v[r]], &moving.state) - force) }
             });
             lanes::set(forces, at_v, change);
         }
@@ -369,10 +375,14 @@ impl<'a, const R: usize> Runner<'a, R> {
             lanes::add_each(motion, &maps.ramp[j * block.parts + part], change);
         }
         for (j, port) in ports.iter_mut().enumerate() {
-            let (d, v) = (lanes::all(motion, block.d(j, part)), lanes::all(motion, block.v(j, part)));
-            for (moving, (d, v)) in port.moving.iter_mut().zip(d.into_iter().zip(v)) {
-                (moving.d, moving.v) = (d, v);
-                moving.most = [moving.most[0].max(d.abs()), moving.most[1].max(v.abs())];
+            let (at_d, at_v) = (block.d(j, part), block.v(j, part));
+            for (r, moving) in port.moving.iter_mut().enumerate() {
+                (moving.d, moving.v) = (lanes::get_of(motion, at_d, r), lanes::get_of(motion, at_v, r));
+                if let Some(hold) = &moving.hold {
+                    *lanes::get_mut_of(forces, at_v, r) += hold.change;
+                    moving.v = if hold.stuck { 0.0 } else { moving.v };
+                }
+                moving.most = [moving.most[0].max(moving.d.abs()), moving.most[1].max(moving.v.abs())];
             }
         }
     }
@@ -384,33 +394,25 @@ impl<'a, const R: usize> Runner<'a, R> {
 }
 
 impl<const R: usize> Port<'_, R> {
-    /// Lets friction bring a port to rest. If friction holds the port, or if the velocity passes zero within a part,
-    /// the friction becomes the force that brings the port to rest at the end of the part, as far as its limit
-    /// allows. `by_held` is the motion due to a unit held over the part. (This is the time stepping of Moreau for
-    /// unilateral constraints: J. J. Moreau, in Nonsmooth Mechanics and Applications, 1988.)
+    /// Lets friction hold a port, release it or bring it to rest, at the instant within the part at which it does so.
+    /// `by` is the motion due to a unit held over the part, and due to a ramp to one.
     #[inline(always)]
-    fn hold_still(
-        &mut self,
-        motion: &mut [Lane<R>],
-        forces: &mut [Lane<R>],
-        by_held: &[Quad],
-        [at_d, at_v]: [usize; 2],
-    ) {
+    fn switch(&mut self, motion: &mut [Lane<R>], forces: &mut [Lane<R>], by: [&[Quad]; 2], at @ [at_d, _]: [usize; 2]) {
         for (r, moving) in self.moving.iter_mut().enumerate() {
             let Some(hold) = &mut moving.hold else { continue };
-            let (v, held) = (lanes::get_of(motion, at_v, r), lanes::get_of(forces, at_d, r));
-            hold.stuck = hold.stuck || moving.v * v <= 0.0;
-            if !hold.stuck {
+            let acting = lanes::get_of(forces, at_d, r);
+            let to = at.map(|at| lanes::get_of(motion, at, r));
+            let [held, ramp] = by.map(|by| at.map(|at| lanes::get(by, at)));
+            let part = Part { from: [moving.d, moving.v], to, acting, stuck: hold.stuck };
+            let Some(switched) = part.switched(hold.most, &Response { held, ramp }) else {
+                *hold = Hold { force: acting, change: 0.0, slides: 1.0, ..*hold };
                 continue;
-            }
-            let wanted = held - v / lanes::get(by_held, at_v);
-            hold.force = wanted.clamp(-hold.most, hold.most);
-            hold.stuck = hold.force == wanted;
-            *lanes::get_mut_of(forces, at_d, r) = hold.force;
-            lanes::add(motion, by_held, r, hold.force - held);
-            if hold.stuck {
-                *lanes::get_mut_of(motion, at_v, r) = 0.0;
-            }
+            };
+            hold.stuck = switched.slides == 0.0;
+            (hold.force, hold.change, hold.slides) = (switched.force, switched.change, switched.slides);
+            *lanes::get_mut_of(forces, at_d, r) = switched.start;
+            lanes::add(motion, by[0], r, switched.start - acting);
+            lanes::add(motion, by[1], r, switched.change);
         }
     }
 }
@@ -435,7 +437,8 @@ impl<const R: usize> Late<R> {
 
 impl<'a, const R: usize> Port<'a, R> {
     fn new(laws: [&'a dyn Force; R], output: Vec<f64>) -> Self {
-        let hold = |law: &dyn Force| law.holds().map(|most| Hold { most, stuck: true, force: 0.0 });
+        let hold =
+            |law: &dyn Force| law.holds().map(|most| Hold { most, stuck: true, force: 0.0, change: 0.0, slides: 0.0 });
         let at_rest = |law: &dyn Force| Moving {
             state: vec![0.0; law.states()],
             d: 0.0,

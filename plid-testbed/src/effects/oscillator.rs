@@ -162,7 +162,47 @@ fn joint_hysteresis_takes_the_area_of_its_loop_from_each_period() {
         let loss = pair[0] - pair[1];
         assert!((loss / expected - 1.0).abs() < 0.05, "{loss}, {expected}");
     }
-    // Long before it yields, the joint is a spring.
+    // Long before it yields, the joint is a spring, which the plant may already contain.
     let small = free(&format!("kind = \"joint-hysteresis\"\nstiffness = 0.1\nyield_v = {}", 1e4), 2.0, 4000);
     assert!((frequency(&small) / HZ / 1.1_f64.sqrt() - 1.0).abs() < 1e-3);
+    let held = free(&format!("kind = \"joint-hysteresis\"\nstiffness = 0.1\nheld = 1.0\nyield_v = {}", 1e4), 2.0, 4000);
+    assert!((frequency(&held) / HZ - 1.0).abs() < 1e-3);
+}
+
+/// The mode on a joint of which the plant contains a share as a spring.
+struct OnJoint {
+    k: f64,
+    dy: f64,
+    held: f64,
+}
+
+impl ode_solvers::System<f64, ode_solvers::Vector3<f64>> for OnJoint {
+    fn system(&self, _t: f64, x: &ode_solvers::Vector3<f64>, rate: &mut ode_solvers::Vector3<f64>) {
+        let (d, v, z) = (x[0], x[1], x[2]);
+        rate[0] = v;
+        rate[1] = W * W * (self.k * (self.held * d - z) - d);
+        rate[2] = v - (v.abs() * z + v * z.abs()) / (2.0 * self.dy);
+    }
+}
+
+/// The motion is that of another library's integrator, whatever share of the joint's stiffness the plant contains.
+#[test]
+fn a_joint_moves_the_mode_as_another_integrator_says() {
+    const SAMPLES: usize = 400;
+    let (k, dy, start) = (0.2, 0.8, 2.0);
+    for held in [0.0, 0.6, 1.0] {
+        let joint = format!("kind = \"joint-hysteresis\"\nstiffness = {k}\nyield_v = {dy}\nheld = {held}");
+        let found = free(&joint, start, SAMPLES);
+        let (end, step) = ((SAMPLES - 1) as f64 / RATE, 1.0 / RATE);
+        let state = ode_solvers::Vector3::new(start, 0.0, 0.0);
+        let mut truth = ode_solvers::Dop853::new(OnJoint { k, dy, held }, 0.0, end, step, state, 1e-10, 1e-10);
+        truth.integrate().unwrap();
+        let mut changed = 0.0_f64;
+        for (t, x) in truth.x_out().iter().zip(truth.y_out()) {
+            let d = found[(t * RATE).round() as usize];
+            assert!((d - x[0]).abs() < 1e-3, "{held} at {t}: {d} and {}", x[0]);
+            changed = changed.max((d - start * (W * t).cos()).abs());
+        }
+        assert!(changed > 0.5, "{held}: the joint changes the motion by {changed} only");
+    }
 }

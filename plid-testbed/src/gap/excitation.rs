@@ -44,6 +44,11 @@ pub(crate) struct Planned {
 }
 
 impl Planned {
+    /// Returns the number of samples from the beginning of the first record to the end of this one.
+    pub(crate) fn end(&self) -> usize {
+        self.start + self.commands.nrows()
+    }
+
     /// Returns the record cut to its first `samples` samples.
     pub(crate) fn excerpt(&self, samples: usize) -> Self {
         let commands = self.commands.slice(s![..samples.min(self.commands.nrows()), ..]).to_owned();

@@ -94,6 +94,7 @@ pub struct LabelledEffect {
     /// itself and in addition to this simulation's own errors. Always true of other effects.
     pub clear_of_nuisance: bool,
     /// The effect in the notation of a config's list.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub config: Option<Effect>,
 }
 
@@ -108,7 +109,7 @@ impl LabelledEffect {
     #[must_use]
     pub fn parameter_names(&self) -> &'static [&'static str] {
         let names = effects::kind(&self.effect).map_or(&[][..], |kind| kind.parameters);
-        // The last parameter may be left out.
+        // The last parameters may be left out.
         &names[..names.len().min(self.par.len())]
     }
 

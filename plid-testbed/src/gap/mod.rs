@@ -255,7 +255,7 @@ fn taken(
 ) -> Result<GapRecord, GapError> {
     let Channels { inputs, outputs } = spec.channels;
     let plant = altered(config, &drawn.base);
-    config.check_for(drawn.base.modes.len(), planned.start + planned.commands.nrows())?;
+    config.check_for(drawn.base.modes.len(), planned.end())?;
     let noise = Noise::new(config, &plant, planned.index).of_inputs(inputs);
     let taken = record(config, &plant, planned.commands.view(), planned.clock(), Some(noise))?;
     let of = taken.outputs.nrows();

@@ -82,10 +82,10 @@ pub struct EffectSpec {
     /// The name of the effect, as in a config's list, or of one that the program has added.
     pub kind: String,
     /// Its place, as in a config's list. If it is left out, the place is drawn among the channels that there are.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at: Option<String>,
     /// Its law, as in a config's list; the vocabulary's own if it is left out.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub law: Option<String>,
     /// The gap that it must cause alone: RMS(y with it - y without) / RMS(y without) on the held-out record without
     /// noise, each output scaled to unit RMS.

@@ -196,7 +196,7 @@ impl Bench<'_> {
 
     fn outputs(&self, effects: &[Effect]) -> Result<Array2<f64>, TestbedError> {
         let config = with_effects(self.config, effects);
-        config.check_for(self.truss.modes.len(), self.planned.start)?;
+        config.check_for(self.truss.modes.len(), self.planned.end())?;
         let plant = altered(&config, self.truss);
         let outputs = record(&config, &plant, self.planned.commands.view(), self.planned.clock(), None)?.outputs;
         Ok(measured(outputs, self.measured))
@@ -208,4 +208,35 @@ fn between((low, at_low): (f64, f64), (high, at_high): (f64, f64), target: f64) 
     let share = (target.ln() - at_low.ln()) / (at_high.ln() - at_low.ln());
     let share = if at_high.is_finite() && at_low > 0.0 && (0.02..0.98).contains(&share) { share } else { 0.5 };
     low + share * (high - low)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::gap::spec::GapSpec;
+    use crate::gap::{config, excitation, plant, plants};
+    use crate::streams::{Purpose, stream};
+
+    /// A drift that leaves some stiffness at the end of the held-out record has a gap, and one that leaves none has
+    /// not.
+    #[test]
+    fn a_drift_may_last_until_the_end_of_the_held_out_record() {
+        let spec = GapSpec { length: 0.1, ..GapSpec::default() };
+        let mut rng = stream(5, Purpose::Draw, plant::PLANT);
+        let layout = plants::layout(spec.plant, &mut rng);
+        let config = config(5, &spec, &layout.rig);
+        let schedule = excitation::schedule(5, &spec, &layout.rig);
+        let drawn = plant::drawn(&config, &spec, layout, &schedule, &mut rng);
+        let planned = schedule.last().unwrap();
+        let bench = Bench { config: &config, truss: &drawn.base, planned, measured: OUTPUTS, number: 0 };
+        let gap = |end_s: f64| {
+            let drift = json!({ "kind": "stiffness-drift", "rate_per_s": -1.0 / end_s });
+            bench.gap_of_one(&serde_json::from_value(drift).unwrap()).unwrap()
+        };
+        let end_s = planned.end() as f64 / config.sample_rate_hz;
+        assert!(gap(1.2 * end_s).is_finite());
+        assert_eq!(gap(0.99 * end_s), f64::INFINITY);
+    }
 }

@@ -30,11 +30,12 @@ fn old_configs_give_the_codes_that_they_always_gave() {
 }
 
 /// Files of gap cases as they were before cases could have other plants, channels and experiments (printed by the same
-/// loop at that commit).
+/// loop at that commit). The first one is newer: the label of a case without an effect no longer has a `config`.
 #[test]
 fn old_specs_give_the_cases_that_they_always_gave() {
+    let (mut found, mut expected) = (Vec::new(), Vec::new());
     for (seed, text, files) in [
-        (7, "perturbed = true", 0x88c7_9d81_566e_ee5c),
+        (7, "perturbed = true", 0x54bd_0ee8_2bb7_bf3d),
         (8, "ports = true\n[[effects]]\nkind = \"cubic-stiffness\"\ngap = 0.1", 0xee83_5f12_3f57_ab27),
         (9, "ports = true\n[[effects]]\nkind = \"missing-mode\"\ngap = 0.05", 0x5a0a_554b_1c77_97e6),
         (
@@ -56,6 +57,8 @@ fn old_specs_give_the_cases_that_they_always_gave() {
         let records = (1..=6).map(|i| format!("case/r{i}.csv"));
         let bytes = names.into_iter().chain(records).flat_map(|name| fs::read(at.path().join(name)).unwrap());
         let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
-        assert_eq!(hash, files, "seed {seed}");
+        found.push(hash);
+        expected.push(files);
     }
+    assert_eq!(found, expected, "{found:#x?}");
 }

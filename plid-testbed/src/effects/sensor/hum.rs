@@ -8,7 +8,7 @@ use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::config::{finite, not_negative, positive};
+use crate::config::{finite, not_negative, positive, within};
 use crate::effects::chain::{Chain, Site};
 use crate::effects::family::Halves;
 use crate::effects::law::{Law, Limits};
@@ -52,6 +52,7 @@ impl Law for MainsHum {
         positive("frequency_hz", self.frequency_hz)?;
         finite("phase_rad", self.phase_rad)?;
         self.harmonics.iter().try_for_each(|h| {
+            within("harmonics.multiple", h.multiple as usize, 2, HIGHEST)?;
             not_negative("harmonics.amplitude_v", h.amplitude_v)?;
             finite("harmonics.phase_rad", h.phase_rad)
         })
@@ -83,6 +84,9 @@ impl Law for MainsHum {
         self.harmonics.iter().all(|h| FIXED.iter().any(|(multiple, _)| h.multiple == *multiple))
     }
 }
+
+/// The highest multiple of a harmonic, far above those that mains have.
+const HIGHEST: usize = 1000;
 
 /// Multiples of the frequency that are drawn as harmonics. Rectifiers cause 5, 7, 11 and 13, transformers that
 /// saturate cause 3 and 9, and loads that differ between the two halves of a period cause the even ones.
@@ -137,5 +141,21 @@ mod tests {
         let Halves { development, reported } = MULTIPLES;
         assert!(development.iter().all(|multiple| *multiple >= 2 && !reported.contains(multiple)));
         assert!(FIXED.iter().all(|(multiple, _)| development.contains(multiple)));
+    }
+
+    /// The fundamental is no harmonic of its own, and neither is a constant.
+    #[test]
+    fn a_harmonic_is_a_multiple_from_two_on() {
+        let limits = Limits { sample_rate_hz: 1600.0, end_s: 4.0, modes: 10 };
+        let check = |multiple| {
+            let harmonics = vec![Harmonic { multiple, amplitude_v: 0.01, phase_rad: 0.0 }];
+            let hum = MainsHum { at: Output(0), amplitude_v: 0.03, frequency_hz: 50.0, phase_rad: 0.0, harmonics };
+            hum.check(&limits)
+        };
+        for value in [0, 1] {
+            let wrong = TestbedError::OutOfRange { key: "harmonics.multiple", value, least: 2, most: HIGHEST };
+            assert_eq!(check(value as u32), Err(wrong));
+        }
+        assert_eq!(check(2), Ok(()));
     }
 }
