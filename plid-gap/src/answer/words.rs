@@ -2,6 +2,7 @@
 
 use crate::answer::schema::NamedEffect;
 use crate::answer::sensor_noise;
+use crate::case::limits::Limit;
 use crate::effects::Place;
 use crate::evidence::Evidence;
 use crate::fit::candidate::{in_words, same};
@@ -9,6 +10,7 @@ use crate::fit::problem::Placed;
 use crate::judge::explained::{Explained, Refusal};
 use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
+use crate::prepare::NoiseFrom;
 use crate::words::likelihood;
 use plid_report::percent;
 
@@ -73,7 +75,10 @@ pub(crate) fn words(
         )
     }));
     let excess = explained.judged.excess;
-    words.push(format!("The residual exceeds the noise by {excess:.1} times the uncertainty of the noise level."));
+    words.push(format!(
+        "The residual exceeds the noise by {excess:.1} times the uncertainty of the noise power, which is {}.",
+        percent(explained.level.uncertainty)
+    ));
     words
 }
 
@@ -107,7 +112,8 @@ fn limits(explained: &Explained) -> Vec<String> {
         format!(
             "No explanation leaves only noise, so the residual of the best one is treated as an error of the \
             simulation itself. The standard deviations of its parameters are taken to be {scale:.1} times those \
-            that the case states, which are half of its limits."
+            that the case states, which are half of its limits.{}",
+            by_kind(explained, scale)
         )
     });
     let unpredicted = explained.unpredicted.as_ref().map(|noise| {
@@ -147,11 +153,41 @@ fn limits(explained: &Explained) -> Vec<String> {
     imperfect.into_iter().chain(unpredicted).chain(refused).collect()
 }
 
+/// States by how much the frequencies, the damping ratios and the shapes are off, where the records determine enough
+/// of them. `scale` is the factor by which the prior of all of them was widened.
+fn by_kind(explained: &Explained, scale: f64) -> String {
+    let Explained { ready, refitted, .. } = explained;
+    let (problem, eta) = (&ready.problem, &explained.fit().eta);
+    let determined = problem.settings.fit.determined;
+    let kinds =
+        [(Limit::Frequency, "frequencies"), (Limit::Damping, "damping ratios"), (Limit::Shape, "shapes or gains")];
+    let off = kinds.iter().filter_map(|(limit, kind)| {
+        let off = scale * problem.nuisance.off(*limit, eta, &refitted.jacobian, determined)?;
+        Some(format!("{off:.1} for {kind}"))
+    });
+    let off: Vec<String> = off.collect();
+    if off.is_empty() {
+        return String::new();
+    }
+    format!(" With this explanation, the factor is {}.", off.join(", "))
+}
+
 /// States the findings from the noise of the records and from raw values.
 fn of_records(explained: &Explained, named: &[NamedEffect]) -> Vec<String> {
     let ready = &explained.ready;
     // A residual that counts as noise does not show the noise of the sensors.
     let declared = if explained.unpredicted.is_none() { sensor_noise::in_words(ready, named) } else { Vec::new() };
+    let from = match ready.noise_from {
+        _ if explained.unpredicted.is_some() => None,
+        NoiseFrom::Repeats => {
+            Some("No record is quiet. The noise was found from the differences between repeats of an input.")
+        }
+        NoiseFrom::Unexplained(_) => Some(
+            "No record shows the noise alone. It was found from the part of the driven records that the inputs do not \
+            explain.",
+        ),
+        NoiseFrom::Quiet | NoiseFrom::Assumed => None,
+    };
     let random = explained.level.driven.map(|ratio| {
         format!(
             "The differences between the periods of driven records have {ratio:.2} times the power of the noise in \
@@ -169,7 +205,7 @@ fn of_records(explained: &Explained, named: &[NamedEffect]) -> Vec<String> {
             quantisation.step / 2.0
         )
     });
-    random.into_iter().chain(declared).chain(cut).collect()
+    from.map(String::from).into_iter().chain(random).chain(declared).chain(cut).collect()
 }
 
 /// States the share of an effect's response that a refit could absorb, and any caveat on the name of the effect.

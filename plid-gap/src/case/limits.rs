@@ -12,6 +12,28 @@ pub struct Limits {
     pub shape: f64,
 }
 
+/// The limit that applies to a parameter of the simulation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Limit {
+    /// That of frequencies.
+    Frequency,
+    /// That of damping ratios.
+    Damping,
+    /// That of shapes.
+    Shape,
+}
+
+impl Limits {
+    /// Returns the standard deviation that a limit stands for.
+    pub(crate) fn std(&self, of: Limit) -> f64 {
+        match of {
+            Limit::Frequency => self.frequency / 2.0,
+            Limit::Damping => self.damping / 2.0,
+            Limit::Shape => self.shape / 2.0,
+        }
+    }
+}
+
 impl Default for Limits {
     fn default() -> Self {
         Self { frequency: 0.002, damping: 0.10, shape: 0.02 }

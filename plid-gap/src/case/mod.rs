@@ -4,7 +4,7 @@ mod config;
 mod controller;
 mod intersample;
 pub(crate) mod levels;
-mod limits;
+pub(crate) mod limits;
 mod period;
 pub(crate) mod record;
 mod records;

@@ -469,10 +469,10 @@ mod tests {
         }
     }
 
-    /// In a structure that moves in almost a single mode, a damper is nearly a change of that mode's damping ratio,
-    /// and the bounded refit absorbs it. The fit of the damper releases it again, so the interval contains the truth.
-    #[test]
-    fn what_the_refit_took_of_an_effect_is_given_back() {
+    /// Returns a case of a structure that moves in almost a single mode, in short records without noise, with a damper
+    /// at the first port, and the size of the damper.
+    fn damped() -> (Case, f64) {
+        const SAMPLES: usize = 1024;
         let sim = testing::truss_with(1, |_, input, output| {
             for k in [0, 2, 3] {
                 input.row_mut(k).scale_mut(0.02);
@@ -480,29 +480,46 @@ mod tests {
             }
         });
         let mut case = testing::case(&sim, &sim);
-        let prepared = |case: &Case| prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
-        let (plant, setting) = (Plant::new(&sim).unwrap(), prepared(&case).problem.setting);
+        case.records.iter_mut().for_each(|record| *record = record.part(0..SAMPLES, testing::RATE));
+        let plant = Plant::new(&sim).unwrap();
+        let setting = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap().problem.setting;
         let size = 0.05 * setting.force[0] / setting.v_rms[0];
+        let actions = Viscous.act(&setting, &Place::Input(0), &[size]);
         for record in &mut case.records {
-            let run = |actions: &[Action]| simulate(&plant, actions, &record.u, record.start_s, None, Fineness::FINE);
-            let (with, without) = (run(&Viscous.act(&setting, &Place::Input(0), &[size])), run(&[]));
-            let changed = with.iter().flatten().zip(without.iter().flatten());
-            record.y.iter_mut().flatten().zip(changed).for_each(|(y, (a, b))| *y += a - b);
+            record.y = simulate(&plant, &actions, &record.u, record.start_s, None, Fineness::FINE);
         }
-        let problem = as_of_many(prepared(&case).problem);
-        let refitted = refit(&problem, STEPS);
-        assert!(
-            problem.max_prior_z(&refitted.eta) > 5.0,
-            "the refit took nothing: {}",
-            problem.max_prior_z(&refitted.eta)
-        );
-        let damper = Placed { effect: &Viscous, place: Place::Input(0), parameters: vec![0.5 * size] };
+        (case, size)
+    }
+
+    /// In a structure that moves in almost a single mode, a damper is nearly a change of that mode's damping ratio,
+    /// and the bounded refit absorbs it. The fit of the damper releases it again, so that in several draws of the noise
+    /// the 95 % intervals contain the truth as often as they should. The last steps alone do not release it.
+    #[test]
+    fn what_the_refit_took_of_an_effect_is_given_back() {
+        const DRAWS: u64 = 10;
+        let (case, size) = damped();
+        let model = case.model.as_ref().unwrap();
+        let std = model.noise.sensor_std.as_ref().unwrap();
         let effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
-        let fit = problem.fit(&refitted.jacobian, &refitted.eta, &[damper], effort);
-        let (kept, settled) = (problem.last_steps(&fit), problem.settled(&fit));
         let off = |fit: &Fit| (fit.effects[0].parameters[0] - size) / fit.covariance[(0, 0)].sqrt();
-        println!("{} {} {} {}", off(&kept), off(&settled), kept.cost, settled.cost);
-        assert!(off(&kept).abs() > 5.0 && kept.cost > settled.cost + 50.0, "there was nothing to give back");
-        assert!(off(&settled).abs() < 3.0, "{} standard deviations", off(&settled));
+        let mut all = Vec::new();
+        for draw in 0..DRAWS {
+            let mut records = case.records.clone();
+            for (record, k) in records.iter_mut().zip(0..) {
+                testing::add_noise(&mut record.y, 500 + 10 * draw + k, std);
+            }
+            let problem = as_of_many(prepare(model, &records, &Known::default()).unwrap().problem);
+            let refitted = refit(&problem, STEPS);
+            let taken = problem.max_prior_z(&refitted.eta);
+            assert!(taken > 5.0, "the refit took nothing: {taken}");
+            let damper = Placed { effect: &Viscous, place: Place::Input(0), parameters: vec![0.5 * size] };
+            let fit = problem.fit(&refitted.jacobian, &refitted.eta, &[damper], effort);
+            all.push([off(&problem.last_steps(&fit)), off(&problem.settled(&fit))]);
+        }
+        println!("{all:.1?}");
+        let held = |which: usize| all.iter().filter(|off| off[which].abs() < 1.96).count();
+        assert!(2 * held(0) <= all.len(), "there was nothing to give back: {all:.1?}");
+        // Nine or ten of ten intervals of 95 % hold in nine of ten studies, and eight or more in all but one of ninety.
+        assert!(held(1) >= 8, "{all:.1?}");
     }
 }

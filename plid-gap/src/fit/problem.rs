@@ -41,6 +41,8 @@ pub struct Problem {
     pub settings: Arc<GapSettings>,
     /// Whether effects change the motion so much that the search uses windows.
     pub strong: bool,
+    /// If the records are windows of longer ones: the same records in longer windows, the shortest first.
+    pub longer: Vec<Problem>,
 }
 
 impl Problem {
@@ -61,6 +63,7 @@ impl Problem {
             setting: self.setting.clone(),
             settings: self.settings.clone(),
             strong: self.strong,
+            longer: Vec::new(),
             records,
         }
     }

@@ -8,7 +8,7 @@ use crate::fit::refit::Refit;
 /// the first samples of a driven record much better than its remainder. A stop that is reached late, or a chirp that
 /// reaches a resonance late, leaves no trace before. If the refit fits the records no better than the simulation as
 /// given, the errors of this simulation count, too: a refit to a record with a stop may fit no part of it.
-pub(crate) fn leading(problem: &Problem, refitted: &Refit) -> usize {
+pub fn leading(problem: &Problem, refitted: &Refit) -> usize {
     let settings = &problem.settings.search;
     if problem.records.iter().all(|record| record.samples() <= settings.first_samples) {
         return settings.first_samples;

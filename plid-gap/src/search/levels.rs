@@ -17,7 +17,7 @@ use crate::search::price::{Price, material};
 use crate::search::rules::Scope;
 use crate::search::stage::{SearchStage, polish, whether_sound};
 use crate::search::stepwise::{Begin, Search, search};
-use crate::search::windows::{Windows, follows};
+use crate::search::windows::{Windows, carried, follows};
 
 /// Searches for effects in all records, if necessary in the weaker ones first. The problem of the quick fits is
 /// returned, too. `stage` is the first stage of the search; it is filled if it is empty.
@@ -36,18 +36,23 @@ pub(crate) fn by_level<'a>(
     let mut quick = problem.head(samples, noise);
     let windows = Windows::choose(&quick, refitted);
     let mut begin = Begin { refit: refitted, windows: None, below: None };
-    if windows.is_some() {
-        begin.below = from_below(problem, noise, scope, say);
+    if let Some(windows) = windows {
+        let below = from_below(problem, noise, scope, say);
         (quick.plant, quick.setting.plant) = (problem.plant.clone(), problem.setting.plant.clone());
+        quick.strong = true;
+        begin.below = below.map(|below| {
+            problem.strong = true;
+            carried(problem, &windows.of(&quick, noise), &below, |fit| polish(problem, fit))
+        });
     }
     let strong = windows.filter(|_| begin.below.as_ref().is_none_or(|fit| !follows(problem, &fit.eta, &fit.effects)));
     for problem in [&mut *problem, &mut quick] {
         problem.strong = windows.is_some();
         problem.nuisance.ports_follow = problem.few();
     }
-    if let Some(Windows { samples, each }) = strong {
-        say(format!("windows of {samples} samples, up to {each} of each record"));
-        quick = quick.windows(samples, each, noise);
+    if let Some(windows) = strong {
+        say(format!("windows of {} samples, up to {} of each record", windows.samples, windows.each));
+        quick = windows.of(&quick, noise);
         begin.windows = Some(noise);
     }
     let found = search(problem, &mut quick, begin, scope, stage, say);
@@ -89,8 +94,8 @@ pub(crate) fn from_earlier<'a>(
     Some(search(problem, quick, begin, scope, &OnceCell::new(), say))
 }
 
-/// Searches the records without the loudest ones, and fits the result to all records; `None` if all records have
-/// about the same level, or if nothing is found. The ports get the scales that were found with the result.
+/// Searches the records without the loudest ones; `None` if all records have about the same level, or if nothing is
+/// found. The ports get the scales that were found with the result.
 fn from_below<'a>(
     problem: &mut Problem,
     noise: &NoiseModel,
@@ -114,8 +119,7 @@ fn from_below<'a>(
     let words = in_words(&found.best.effects, &problem.setting.names);
     say(format!("{words} in the weaker records is carried to all"));
     (problem.plant, problem.setting.plant) = (weaker.plant, weaker.setting.plant);
-    problem.strong = true;
-    Some(polish(problem, found.best))
+    Some(found.best)
 }
 
 #[cfg(test)]

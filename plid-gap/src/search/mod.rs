@@ -3,7 +3,7 @@
 
 pub(crate) mod closest_law;
 pub(crate) mod course;
-mod leading;
+pub(crate) mod leading;
 pub(crate) mod levels;
 pub(crate) mod linear_cause;
 pub(crate) mod modal;

@@ -10,6 +10,7 @@ use crate::fit::refit::clipped;
 use crate::search::price::Price;
 use crate::search::rules::{Rules, Scope};
 use crate::search::screen::{Base, Entry, screen};
+use crate::search::windows::carried;
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
 
@@ -122,7 +123,9 @@ impl<'a> SearchStage<'a> {
         let whole = best
             .into_par_iter()
             .map(|(k, fit)| {
-                let new = || whether_sound(problem, on_whole(problem, fit.clone(), &price.scope.off));
+                let new = || {
+                    whether_sound(problem, carried(problem, quick, fit, |fit| on_whole(problem, fit, &price.scope.off)))
+                };
                 (k, known(&self.whole, k).cloned().unwrap_or_else(new))
             })
             .collect();
@@ -223,9 +226,11 @@ impl<'a> Start<'a> {
 /// Returns whether an effect is a contact whose displacement no output measures. Such a contact could be at any
 /// displacement, and a stop near rest resembles a stiffening spring, so it is not tried unless the case suspects it.
 pub(crate) fn is_blind(setting: &Setting, rules: &Rules, placed: &Placed) -> bool {
-    placed.effect.is_contact()
-        && setting.d_range[setting.port(&placed.place)].is_none()
-        && !rules.suspects(placed, &setting.names)
+    let unmeasured = || {
+        let port = setting.port(&placed.place);
+        setting.d_range[port].is_none() || setting.plant.integrates(&setting.plant.ports[port])
+    };
+    placed.effect.is_contact() && unmeasured() && !rules.suspects(placed, &setting.names)
 }
 
 /// Returns whether the parameters are consistent with the effects' names.
@@ -245,7 +250,7 @@ pub(super) fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit
 }
 
 /// Continues a fit with fine steps and with derivatives at its own linear model.
-pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
+pub fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
     let jacobian = problem.jacobian(&plant);
     let mut fit = problem.fit(&jacobian, &fit.eta, &fit.effects, problem.far(FINE));
