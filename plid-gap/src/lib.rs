@@ -26,6 +26,7 @@ pub mod research;
 /// The calibration of stated probabilities by trials.
 pub mod calibration {
     pub use crate::judge::calibration::{Calibration, Coefficients, Learnt, MOST_LOG_ODDS, log_odds};
+    pub use crate::judge::statistics::CONFIDENCE;
 }
 mod search;
 pub mod settings;

@@ -18,12 +18,16 @@ pub struct Ceiling {
     /// Number of cases.
     pub cases: usize,
     /// The gap of the simulation as given.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub as_given: Option<f64>,
     /// The gap that plid's answer leaves, whatever it names. An answer that predicts nothing leaves the gap as given.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub diagnosis: Option<f64>,
     /// The gap that the black box leaves.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub black_box: Option<f64>,
     /// The gap that imperfections and noise make without the main effects; without imperfections, that of noise alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub background: Option<f64>,
     /// The cases in which plid's answer leaves no more than the black box.
     pub diagnosis_is_closer: Rate,

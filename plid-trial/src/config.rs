@@ -353,8 +353,6 @@ mod tests {
             let config = TrialConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
             assert_eq!(config.name, name);
             assert!(4 * config.cases.none >= config.total(), "{name}");
-            // Their published seeds give the same cases as before.
-            assert_eq!(config.draw.families, Families::Fixed, "{name}");
         }
         let standard = TrialConfig::read(&folder.join("standard.toml")).unwrap();
         let singles = standard.cases.singles_per_effect * standard.effects().len();
@@ -369,5 +367,27 @@ mod tests {
         let quick = TrialConfig::read(&folder.join("imperfect-quick.toml")).unwrap();
         assert_eq!((quick.draw.outsiders, quick.draw.families), (Outsiders::Development, Families::Development));
         assert_eq!((quick.total(), quick.draw.imperfections), (30, imperfect.draw.imperfections));
+    }
+
+    /// What is reported draws outsiders and shapes with which nothing was developed, and all else draws those of
+    /// development.
+    #[test]
+    fn the_trials_that_are_reported_have_their_own_outsiders_and_families() {
+        const REPORTED: [&str; 5] = ["standard", "standard-sample", "plants", "imperfect", "imperfect-sample"];
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("experiments");
+        let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
+        let mut reported = 0;
+        for file in files.filter(|file| file.extension().is_some_and(|extension| extension == "toml")) {
+            let name = file.file_stem().unwrap().to_str().unwrap().to_owned();
+            let is_reported = REPORTED.contains(&name.as_str());
+            reported += usize::from(is_reported);
+            let expected = match is_reported {
+                true => (Outsiders::Reported, Families::Reported),
+                false => (Outsiders::Development, Families::Development),
+            };
+            let draw = TrialConfig::read(&file).unwrap().draw;
+            assert_eq!((draw.outsiders, draw.families), expected, "{name}");
+        }
+        assert_eq!(reported, REPORTED.len());
     }
 }

@@ -31,6 +31,9 @@ pub struct Claim {
     /// The statements about the gap.
     #[serde(default)]
     pub gap: Stated,
+    /// The statement about the remainder.
+    #[serde(default)]
+    pub remainder: Remains,
 }
 
 /// A named effect.
@@ -42,7 +45,7 @@ pub struct Named {
     #[serde(default)]
     pub location: String,
     /// Probability that it is at work there.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confidence: Option<f64>,
     /// The parameters by name.
     #[serde(default)]
@@ -56,7 +59,7 @@ pub struct Named {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Stretch {
     /// The 95 % interval.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ci95: Option<[Option<f64>; 2]>,
 }
 
@@ -70,7 +73,7 @@ pub struct Candidate {
     #[serde(default)]
     pub unknown: bool,
     /// The probability; those of all explanations add up to one.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub probability: Option<f64>,
 }
 
@@ -78,11 +81,22 @@ pub struct Candidate {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Stated {
     /// The gap predicted before the held-out record was seen.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predicted_held_out_gap: Option<f64>,
     /// The 80 % interval of it.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predicted_ci80: Option<[Option<f64>; 2]>,
+}
+
+/// The statement about the remainder.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Remains {
+    /// The probability of a further cause above `material`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub further_cause: Option<f64>,
+    /// The gap that counts as material.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub material: Option<f64>,
 }
 
 impl Claim {
@@ -158,10 +172,16 @@ pub struct Judged {
     /// Whether the first effect named is right and stated to differ in shape.
     pub shape_differs: bool,
     /// The probability of the first explanation, and whether it is the truth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub top: Option<(f64, bool)>,
+    /// The probability of the explanation to which the verdict refers, and whether it is the truth. It is the likeliest
+    /// one that contains the first effect named, the one without effects, or something else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub explanation: Option<(f64, bool)>,
     /// Whether all names are right.
     pub right: bool,
     /// Gap on the held-out record with the simulation of the answer, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gap: Option<f64>,
     /// One minus the ratio of the gap with the answer to the gap as given, both beyond the floor; zero without a
     /// prediction.
@@ -169,6 +189,7 @@ pub struct Judged {
     /// Whether the gap as given clearly exceeds the floor, so that it can shrink.
     pub shrinkable: bool,
     /// Difference between the stated and the realised gap, relative to the gap as given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub missed_by: Option<f64>,
     /// Whether the first effect named is the main cause, the largest one that acts.
     pub main_first: bool,
@@ -181,9 +202,14 @@ pub struct Judged {
     /// Whether the stated gap is within a quarter of the one found.
     pub stated_near: bool,
     /// Whether the stated 80 % interval contains the gap found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub in_ci80: Option<bool>,
     /// For each effect named: its probability, and whether it acts at its place.
     pub statements: Vec<(f64, bool)>,
+    /// The stated probability of a further cause, and whether there is one: a cause that the answer does not name and
+    /// that makes more than a material gap.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub further_cause: Option<(f64, bool)>,
 }
 
 /// Returns whether a list of effects is the truth: each at its place and nothing else, imperfections aside. If the
@@ -242,13 +268,37 @@ fn shrink(truth: &Truth, gap: f64) -> f64 {
     1.0 - (beyond(gap) / (given * given - floor * floor).max(1e-12)).sqrt()
 }
 
-/// Returns the probability of the likeliest candidate, and whether it is the truth. If only imperfections are at work,
-/// "something else" is true as well, because no effect of the vocabulary makes their gap.
-fn likeliest(order: &[&Candidate], truth: &Truth, outside: bool) -> Option<(f64, bool)> {
-    let top = order.first()?;
+/// Returns the probability of a candidate, and whether it is the truth. If only imperfections are at work, "something
+/// else" is true as well, because no effect of the vocabulary makes their gap.
+fn outcome(candidate: &Candidate, truth: &Truth, outside: bool) -> Option<(f64, bool)> {
     let imperfections = truth.gap_background.is_some() && truth.main().is_none();
-    let hit = if top.unknown { outside || imperfections } else { !outside && same(truth, &top.effects) };
-    Some((top.probability?, hit))
+    let hit = if candidate.unknown { outside || imperfections } else { !outside && same(truth, &candidate.effects) };
+    Some((candidate.probability?, hit))
+}
+
+/// Returns the likeliest candidate to which the verdict refers: one with the first effect named, the one without
+/// effects, or something else.
+fn of_verdict<'a>(order: &[&'a Candidate], claim: &Claim) -> Option<&'a Candidate> {
+    let first = claim.said().first();
+    let has = |effects: &[Named]| {
+        first.is_some_and(|first| effects.iter().any(|e| e.effect == first.effect && e.location == first.location))
+    };
+    let is = |one: &&&Candidate| match claim.verdict.as_str() {
+        "unknown" => one.unknown,
+        "none" => !one.unknown && one.effects.is_empty(),
+        _ => has(&one.effects),
+    };
+    order.iter().find(is).copied()
+}
+
+/// Returns the stated probability of a further cause, and whether there is one. `None` if the answer does not state it,
+/// or the label does not tell.
+fn further_cause(truth: &Truth, claim: &Claim) -> Option<(f64, bool)> {
+    let Remains { further_cause, material } = claim.remainder;
+    let is_named = |cause: &crate::truth::TrueEffect| {
+        claim.said().iter().any(|said| said.effect == cause.effect && cause.is_at(&said.location))
+    };
+    Some((further_cause?, truth.has_further_cause(material?, is_named)?))
 }
 
 /// Judges an answer; `realised` is the gap of its simulation on the held-out record.
@@ -291,7 +341,8 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
         confident,
         wrong: confident && (outside || !right_name) && !small_first,
         shape_differs: right_name && first.is_some_and(|said| said.shape_differs),
-        top: likeliest(&order, truth, outside),
+        top: order.first().and_then(|top| outcome(top, truth, outside)),
+        explanation: of_verdict(&order, claim).and_then(|one| outcome(one, truth, outside)),
         right,
         gap: realised,
         shrink: realised.map_or(0.0, |gap| shrink(truth, gap)),
@@ -299,8 +350,7 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
         missed_by: stated.zip(realised).map(|(stated, found)| (stated - found).abs() / given),
         main_first: first.is_some_and(is_main),
         main_named: said.iter().any(is_main),
-        main_located: first
-            .is_some_and(|said| truth.main().is_some_and(|main| is_main(said) && main.is_at(&said.location))),
+        main_located: first.is_some_and(|said| truth.is_main(&said.effect, &said.location)),
         likely_wrong: said.iter().any(|said| is_likely(said) && !is_at_work(said)),
         stated_near: stated.zip(realised).is_some_and(|(stated, found)| (stated / found - 1.0).abs() <= 0.25),
         in_ci80: claim.gap.predicted_ci80.and_then(|[low, high]| Some((low?..=high?).contains(&realised?))),
@@ -308,6 +358,7 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
             .iter()
             .filter_map(|said| Some((said.confidence?, at_its_place(said) || is_small(said))))
             .collect(),
+        further_cause: further_cause(truth, claim),
         said: text,
     }
 }
@@ -362,6 +413,10 @@ mod tests {
         assert_eq!((found.in_set, found.set_size), (true, 3));
         assert_eq!(found.top, Some((0.5, false)));
         assert_eq!(found.said, "clearance+sensor-gain");
+        // With another verdict, another explanation is the one that it states.
+        assert_eq!(found.explanation, Some((0.5, false)));
+        let of = |verdict: &str| judge(&clearance(), &[], &Claim { verdict: verdict.into(), ..said.clone() }, None);
+        assert_eq!(["none", "unknown"].map(|is| of(is).explanation), [Some((0.04, false)), Some((0.1, false))]);
         // 1 - sqrt((0.03^2 - 0.02^2) / (0.1^2 - 0.02^2))
         assert!((found.shrink - (1.0 - (0.0005f64 / 0.0096).sqrt())).abs() < 1e-12 && found.shrinkable);
         assert_eq!(found.missed_by, Some(0.0));
@@ -387,6 +442,32 @@ mod tests {
         assert!(!unsure.family && !unsure.wrong && !unsure.confident);
         // Nothing was predicted, so nothing shrinks.
         assert_eq!((unsure.shrink, unsure.missed_by), (0.0, None));
+    }
+
+    /// The clearance makes 8 % and an imperfection 1.5 %. Without the clearance in the answer, or with it at another
+    /// place, a cause above 2 % is left. Above 1 %, the imperfection is one as well.
+    #[test]
+    fn a_further_cause_is_one_that_is_not_named() {
+        let mut truth = clearance();
+        truth.gap_background = Some(0.03);
+        let small = crate::truth::TrueEffect { gap: 0.015, ..truth.effects[0].clone() };
+        truth.background_effects = vec![crate::truth::TrueEffect { effect: "sensor-gain".to_owned(), loc: 0, ..small }];
+        let of = |truth: &Truth, location: &str, material: Option<f64>| {
+            let said = json!({
+                "verdict": "effects", "effects": [named("clearance", location, 0.9)],
+                "remainder": { "further_cause": 0.3, "material": material },
+            });
+            judge(truth, &[], &claim(said), None).further_cause
+        };
+        assert_eq!(of(&truth, "input:u2", Some(0.02)), Some((0.3, false)));
+        assert_eq!(of(&truth, "input:u1", Some(0.02)), Some((0.3, true)));
+        assert_eq!(of(&truth, "input:u2", Some(0.01)), Some((0.3, true)));
+        // Effects count only if the verdict is "effects".
+        let unknown = json!({ "verdict": "unknown", "remainder": { "further_cause": 0.8, "material": 0.02 } });
+        assert_eq!(judge(&truth, &[], &claim(unknown), None).further_cause, Some((0.8, true)));
+        // Without the size that counts as material, or without the imperfections, there is no telling.
+        truth.background_effects.clear();
+        assert_eq!((of(&clearance(), "input:u2", None), of(&truth, "input:u2", Some(0.02))), (None, None));
     }
 
     #[test]

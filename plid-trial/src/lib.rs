@@ -20,6 +20,7 @@ mod manifest;
 mod merge;
 mod plan;
 mod program;
+pub mod reliability;
 mod report;
 mod score;
 pub mod scores;

@@ -37,6 +37,7 @@ pub struct MainCause {
     pub confident_wrong: Rate,
     /// If the main cause is of the vocabulary: the median ratio of the held-out gap with the answer to that of the
     /// background.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub over_background: Option<f64>,
     /// Among all cases: the stated gap is within a quarter of the one found.
     pub stated_near: Rate,
@@ -46,6 +47,8 @@ pub struct MainCause {
     pub explanations: Calibration,
     /// The calibration of every effect named: whether it acts at its place.
     pub statements: Calibration,
+    /// The calibration of the statement about the remainder: whether a cause above `material` is not named.
+    pub remainder: Calibration,
 }
 
 const VOCABULARY: &[Asked] = &[Asked::Single, Asked::Several];
@@ -62,6 +65,7 @@ impl MainCause {
         let explained: Vec<(f64, bool)> = lines.iter().filter_map(|line| line.judged[0].top).collect();
         let stated: Vec<(f64, bool)> =
             lines.iter().flat_map(|line| line.judged[0].statements.iter().copied()).collect();
+        let remain: Vec<(f64, bool)> = lines.iter().filter_map(|line| line.judged[0].further_cause).collect();
         Self {
             by: by.to_owned(),
             is: is.to_owned(),
@@ -78,6 +82,7 @@ impl MainCause {
             in_ci80: Rate::of(lines.iter().filter_map(|line| line.judged[0].in_ci80)),
             explanations: calibration(&explained),
             statements: calibration(&stated),
+            remainder: calibration(&remain),
         }
     }
 }

@@ -10,6 +10,7 @@ use crate::judge::{Asked, Judged};
 use crate::main_cause::{self, MainCause};
 use crate::plan::Arm;
 use crate::program::Program;
+use crate::reliability::{Reliability, reliability};
 use crate::statistics::{Calibration, Rate, calibration, lowest_tenth, median};
 use crate::targets::{Target, parts, targets};
 use crate::vocabulary::{family, whole};
@@ -39,12 +40,15 @@ pub struct Line {
     /// The gap that the noise makes alone.
     pub gap_floor: f64,
     /// The gap that imperfections and noise make without the main effects; `None` if the truth has no imperfections.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub gap_background: Option<f64>,
     /// The gap that the black box leaves; `None` without a simulation as a model, or without an answer.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub gap_black_box: Option<f64>,
     /// The nuisances of the case, by name.
     pub nuisances: BTreeMap<String, String>,
     /// The reason for a missing answer.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub failed: Option<String>,
     /// For each parameter of a correctly named effect, whether the stated 95 % interval contains the true value.
     pub covered: BTreeMap<String, bool>,
@@ -68,6 +72,7 @@ pub struct Totals {
     /// Among the cases with one effect: it is in the 95 % set.
     pub in_set: Rate,
     /// Among the cases with one effect: the mean size of the 95 % set.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub set_size: Option<f64>,
     /// Among the cases with several effects: all were named and no other.
     pub all_named: Rate,
@@ -83,12 +88,15 @@ pub struct Totals {
     pub kept_open: Rate,
     /// The median reduction of the gap, over the cases whose effects are correctly named and whose gap exceeds the
     /// noise.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub shrink_median: Option<f64>,
     /// The lowest decile of that reduction.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub shrink_lowest_tenth: Option<f64>,
     /// Number of these cases.
     pub shrink_of: usize,
     /// The median reduction over all cases with an effect and a gap that exceeds the noise, whatever was named.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub shrink_of_all_median: Option<f64>,
     /// Among the correctly named cases: the stated gap is within 5 % of the gap as given.
     pub stated_rightly: Rate,
@@ -117,6 +125,7 @@ pub struct Chance {
     /// Probability of the right name.
     pub exact: f64,
     /// Probability of a name of the right family: the mean over the single effects of the trial.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub family: Option<f64>,
     /// Probability that an effect is named where nothing is missing.
     pub false_alarms: f64,
@@ -128,8 +137,10 @@ pub struct Time {
     /// The sum over the cases.
     pub total_s: f64,
     /// The median.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub median_s: Option<f64>,
     /// The longest duration.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub longest_s: Option<f64>,
 }
 
@@ -145,6 +156,7 @@ pub struct Scores {
     /// Number of draws that were repeated.
     pub repeated_draws: usize,
     /// The program that answered.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub program: Option<Program>,
     /// The program that drew the cases.
     pub drawn_by: Program,
@@ -158,6 +170,8 @@ pub struct Scores {
     pub parts: BTreeMap<&'static str, Vec<Target>>,
     /// The scores on imperfect truths: all cases, then groups of them; empty if there are none.
     pub main_cause: Vec<MainCause>,
+    /// The reliability of each kind of statement in plid's answers.
+    pub reliability: Vec<Reliability>,
     /// The gap that a black box leaves, beside that of plid's answer; empty if no case has both.
     pub ceiling: Vec<Ceiling>,
     /// The expected scores of a guess.
@@ -432,6 +446,7 @@ impl Scores {
             targets: main_cause.first().map_or_else(|| targets(&groups), main_cause::targets),
             parts: if main_cause.is_empty() { parts(&groups) } else { BTreeMap::new() },
             main_cause,
+            reliability: reliability(&cases),
             ceiling: ceiling::groups(&cases),
             chance,
             groups,

@@ -13,8 +13,10 @@ pub struct Rate {
     /// Number of cases.
     pub of: usize,
     /// The share of hits; `None` without cases.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub share: Option<f64>,
     /// The Clopper-Pearson interval.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ci95: Option<[f64; 2]>,
 }
 
@@ -81,8 +83,10 @@ pub struct Calibration {
     /// Number of statements.
     pub of: usize,
     /// The Brier score: the mean of (stated - outcome)^2.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub brier: Option<f64>,
     /// The expected calibration error: the mean over the statements of |mean stated - observed share| of their bin.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expected_error: Option<f64>,
     /// The bins, ten of equal width.
     pub bins: Vec<Bin>,
@@ -100,11 +104,34 @@ pub struct Bin {
 /// Number of bins of the reliability diagram.
 const BINS: usize = 10;
 
+/// Returns the Brier score of statements: the mean of (stated - outcome)^2. `None` without statements.
+pub fn brier(statements: &[(f64, bool)]) -> Option<f64> {
+    let sum: f64 = statements.iter().map(|(p, hit)| (p - f64::from(*hit)).powi(2)).sum();
+    (!statements.is_empty()).then(|| sum / statements.len() as f64)
+}
+
+/// Returns the logarithmic loss of statements: the mean of -ln of the probability of what came true. `None` without
+/// statements.
+pub fn log_loss(statements: &[(f64, bool)]) -> Option<f64> {
+    let sum: f64 = statements.iter().map(|(p, hit)| -if *hit { p.ln() } else { (-p).ln_1p() }).sum();
+    (!statements.is_empty()).then(|| sum / statements.len() as f64)
+}
+
+/// Returns the area under the receiver operating characteristic: the probability that a true statement has a higher
+/// probability than a false one, where a tie counts half. `None` unless there are both.
+pub fn auc(statements: &[(f64, bool)]) -> Option<f64> {
+    let of = |kind: bool| statements.iter().filter(move |(_, hit)| *hit == kind).map(|(p, _)| *p);
+    let pairs = of(true).count() * of(false).count();
+    let won = |p: f64, q: f64| if p > q { 1.0 } else { f64::from(p == q) / 2.0 };
+    let sum: f64 = of(true).map(|p| of(false).map(|q| won(p, q)).sum::<f64>()).sum();
+    (pairs > 0).then(|| sum / pairs as f64)
+}
+
 /// Computes the calibration of statements, each given as its probability and whether it was true.
 pub fn calibration(statements: &[(f64, bool)]) -> Calibration {
     let of = statements.len();
     let mean = |sum: f64| (of > 0).then(|| sum / of as f64);
-    let brier = mean(statements.iter().map(|(p, hit)| (p - f64::from(*hit)).powi(2)).sum());
+    let brier = brier(statements);
     let bins: Vec<Bin> = (0..BINS)
         .filter_map(|bin| {
             let inside = |p: f64| ((p * BINS as f64) as usize).min(BINS - 1) == bin;
@@ -214,6 +241,18 @@ mod tests {
         );
         assert_eq!(found.bins.iter().map(|b| b.came_true.of).collect::<Vec<_>>(), [1, 3]);
         assert_eq!(calibration(&[]).brier, None);
+    }
+
+    /// Of the four pairs of a true and a false statement, two are in order, one is a tie and one is reversed.
+    #[test]
+    fn scores_of_probabilities_by_hand() {
+        let stated = [(0.9, true), (0.4, true), (0.4, false), (0.7, false)];
+        assert_relative_eq!(auc(&stated).unwrap(), 2.5 / 4.0, epsilon = 1e-12);
+        assert_relative_eq!(brier(&stated).unwrap(), (0.01 + 0.36 + 0.16 + 0.49) / 4.0, epsilon = 1e-12);
+        let loss = -(0.9_f64.ln() + 0.4_f64.ln() + 0.6_f64.ln() + 0.3_f64.ln()) / 4.0;
+        assert_relative_eq!(log_loss(&stated).unwrap(), loss, epsilon = 1e-12);
+        assert_eq!((auc(&[(0.9, true), (0.2, false)]), auc(&[(0.2, true), (0.9, false)])), (Some(1.0), Some(0.0)));
+        assert_eq!((auc(&stated[..2]), brier(&[]), log_loss(&[])), (None, None, None));
     }
 
     #[test]

@@ -17,12 +17,15 @@ pub struct Target {
     /// The bound.
     pub bound: f64,
     /// The figure found.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub found: Option<f64>,
     /// Its 95 % interval, if it is a share.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub ci95: Option<[f64; 2]>,
     /// Number of cases.
     pub of: usize,
     /// Whether the target is reached.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub reached: Option<bool>,
 }
 

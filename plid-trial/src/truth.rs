@@ -55,6 +55,20 @@ impl Truth {
         self.at_work().max_by(|a, b| a.gap.total_cmp(&b.gap))
     }
 
+    /// Returns whether an effect of this name at this place is the main cause.
+    pub fn is_main(&self, effect: &str, location: &str) -> bool {
+        self.main().is_some_and(|main| main.effect == effect && main.is_at(location))
+    }
+
+    /// Returns whether a cause that is not named makes more than a material gap alone. Imperfections count, but not the
+    /// errors of the simulation's own parameters, whose gaps no label states. `None` if the truth has imperfections
+    /// that the label does not list.
+    pub fn has_further_cause(&self, material: f64, is_named: impl Fn(&TrueEffect) -> bool) -> Option<bool> {
+        let listed = self.gap_background.is_none() || !self.background_effects.is_empty();
+        let mut all = self.at_work().chain(&self.background_effects);
+        listed.then(|| all.any(|cause| cause.gap > material && !is_named(cause)))
+    }
+
     /// Returns whether an imperfection of this name is at this place.
     pub fn has_background(&self, effect: &str, location: &str) -> bool {
         self.background_effects.iter().any(|small| small.effect == effect && small.is_at(location))

@@ -92,5 +92,6 @@ fn summary(outcome: &Outcome) -> String {
 #[derive(Serialize)]
 struct Said<'a> {
     targets: Vec<Target>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     comparison: Option<&'a Comparison>,
 }

@@ -240,6 +240,15 @@ fn an_fmu_is_diagnosed() {
     let (near, far) = (said("new.csv"), said("loud.csv"));
     assert!(near["beyond_fitted"].is_null() && far["beyond_fitted"]["times"].as_f64().unwrap() > 5.0, "{near} {far}");
     assert!(far["expected_gap"].as_f64().unwrap() > 1.5 * near["expected_gap"].as_f64().unwrap(), "{near} {far}");
+    // What the friction changes is added to the outputs of another simulator.
+    let moved: String = (0..y.len()).map(|_| "5\n").collect();
+    std::fs::write(at.join("own.csv"), format!("position\n{moved}")).unwrap();
+    let added = plid(at, &[&predict[..], &["sum.csv", "--simulated", "own.csv"]].concat());
+    assert_eq!(added.status.code(), Some(0), "{}", stderr(&added));
+    let text = std::fs::read_to_string(at.join("sum.csv")).unwrap();
+    let change: Vec<f64> = text.lines().skip(1).map(|line| line.parse::<f64>().unwrap() - 5.0).collect();
+    let (share, of) = (size(&mut change.iter().copied()), size(&mut y.iter().copied()));
+    assert!(change.len() == y.len() && share > 0.02 * of && share < 2.0 * of, "{share} of {of}");
     // Its file is looked for in the folder that is named.
     let elsewhere = plid(at, &[&predict[..], &["z.csv", "--folder", "elsewhere"]].concat());
     assert!(stderr(&elsewhere).contains("models/oscillator2.fmu: No such file"), "{}", stderr(&elsewhere));

@@ -2,11 +2,14 @@
 
 use crate::common;
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
 use common::plid;
+use plid::gap::in_loop::{FORMAT, SimulatorWithEffects};
 use plid::model::{Continuous, Model, simulate};
+use plid::simulator::{Description, Input, Output};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -196,4 +199,40 @@ fn a_wrong_case_names_file_line_and_key() {
     assert_eq!(output.status.code(), Some(2), "{message}");
     assert!(message.contains("case.toml, line 4") && message.contains("did you mean `record`"), "{message}");
     assert!(!at.join("out").exists() || std::fs::read_dir(at.join("out")).unwrap().next().is_none());
+}
+
+/// With a simulator in the loop, outputs of another simulator must fit the input, and there is no feedback to remove.
+#[test]
+fn what_does_not_fit_a_simulator_in_the_loop_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    let (inputs, outputs) = (vec![Input::new("u1")], vec![Output::new("y1")]);
+    let written = SimulatorWithEffects {
+        format: FORMAT.into(),
+        simulator: Description::new("own", RATE, inputs, outputs),
+        command: vec!["true".into()],
+        fmu: None,
+        parameters: BTreeMap::new(),
+        ports: Vec::new(),
+        effects: Vec::new(),
+        t0: 0.0,
+        noise_rms: vec![NOISE],
+        expected_gap: 0.05,
+        fitted: None,
+    };
+    std::fs::create_dir(at.join("out")).unwrap();
+    std::fs::write(at.join("out/sim-with-effect.json"), serde_json::to_string(&written).unwrap()).unwrap();
+    std::fs::write(at.join("new.csv"), "u1\n0\n1\n2\n").unwrap();
+    std::fs::write(at.join("own.csv"), "y1\n0\n1\n").unwrap();
+    std::fs::write(at.join("other.csv"), "y2\n0\n1\n2\n").unwrap();
+    for (more, said) in [
+        (["--simulated", "own.csv"], "own.csv: 2 rows, but the input has 3"),
+        (["--simulated", "other.csv"], "y1"),
+        (["--measured", "own.csv"], "--measured"),
+    ] {
+        let output = plid(at, &[&PREDICT[..], &more].concat());
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(said) && !at.join("y.csv").exists(), "{message}");
+    }
 }

@@ -17,11 +17,12 @@ pub(crate) fn calibrated(
     let mut all = explanations;
     match (first.about, named.split_first_mut()) {
         (About::Nothing, _) => {
-            rescale(&mut all, &|one| !one.unknown && one.effects.is_empty(), calibration.probability(first));
+            let nothing = |one: &Explanation| !one.unknown && one.effects.is_empty();
+            let probability = calibration.probability(first);
+            rescale(&mut all, &nothing, [probability; 2]);
+            keep_ahead(&mut all, &nothing);
         }
-        (About::Unknown, _) => {
-            rescale(&mut all, &|one| one.unknown, calibration.probability(first));
-        }
+        (About::Unknown, _) => rescale(&mut all, &|one| one.unknown, [calibration.probability(first); 2]),
         (_, None) => {}
         (_, Some((main, further))) => {
             let main_at = located(main);
@@ -36,13 +37,16 @@ pub(crate) fn calibrated(
             let largest = all.iter().filter(has_main).max_by(|a, b| a.probability.total_cmp(&b.probability));
             let Some(leading) = largest.map(|one| one.effects.clone()) else { return all };
             let whole = calibration.of(About::Explanation).probability(first).min(acts);
-            let reached = rescale(&mut all, &|one| one.effects == leading, whole);
-            weigh(main, acts.max(reached));
+            let leads = |one: &Explanation| one.effects == leading;
+            rescale(&mut all, &leads, [whole, acts]);
+            keep_ahead(&mut all, &leads);
+            weigh(main, acts);
             for (effect, (_, share)) in further.iter_mut().zip(&shares) {
                 weigh(effect, share * acts);
             }
         }
     }
+    all.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     all
 }
 
@@ -81,10 +85,14 @@ fn divided(one: Explanation, main: &Located, further: &[(Located, f64)]) -> Vec<
     vec![Explanation { probability: one.probability * share, ..one }, alone]
 }
 
-/// Rescales the explanations of the kind `are` to this probability in total, and the others to the rest. An answer
-/// names its first explanation, which must stay the most probable one, so the probability may be raised. Returns the
-/// total probability of the kind.
-fn rescale(all: &mut Vec<Explanation>, are: &dyn Fn(&Explanation) -> bool, probability: f64) -> f64 {
+/// Rescales the explanations of the kind `are` to a probability in total, and the others to the rest.
+///
+/// Calibration says of two statements how often they are right: that the named effect acts (`most`), and that the first
+/// explanation is complete (`least`). Between the two, the effect acts together with something that no explanation
+/// contains. If this share went to the others, they could come before the first explanation, although most of them deny
+/// the effect. The first explanation therefore gets as much of it as it needs to stay the first one. If even `most` is
+/// too little, another one comes first, because no statement is raised above its calibration.
+fn rescale(all: &mut Vec<Explanation>, are: &dyn Fn(&Explanation) -> bool, [least, most]: [f64; 2]) {
     let (mut own, mut largest_own, mut rest, mut largest_rest) = (0.0, 0.0_f64, 0.0, 0.0_f64);
     for one in all.iter() {
         let (sum, largest) = if are(one) { (&mut own, &mut largest_own) } else { (&mut rest, &mut largest_rest) };
@@ -92,23 +100,41 @@ fn rescale(all: &mut Vec<Explanation>, are: &dyn Fn(&Explanation) -> bool, proba
         *largest = largest.max(one.probability);
     }
     if own <= 0.0 {
-        return probability;
+        return;
     }
     if rest <= 0.0 {
-        all.push(something_else());
+        all.push(something_else(1.0));
         (rest, largest_rest) = (1.0, 1.0);
     }
     let (of_own, of_rest) = (largest_own / own, largest_rest / rest);
-    let probability = probability.max(of_rest / (of_own + of_rest));
+    let probability = least.max(most.min(of_rest / (of_own + of_rest)));
     for one in all.iter_mut() {
         one.probability *= if are(one) { probability / own } else { (1.0 - probability) / rest };
     }
-    all.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    probability
 }
 
-fn something_else() -> Explanation {
-    Explanation { effects: Vec::new(), unknown: true, probability: 1.0, gap_after: None, wiring: None }
+/// Keeps the explanations of the kind `are` ahead of the other ones of the vocabulary, as likelihoods rank them. That
+/// the first explanation is right less often than they claim does not mean that another one is right instead, so what
+/// another one would have in excess belongs to something else.
+fn keep_ahead(all: &mut Vec<Explanation>, are: &dyn Fn(&Explanation) -> bool) {
+    let first = all.iter().filter(|one| are(one)).map(|one| one.probability).fold(0.0, f64::max);
+    if first <= 0.0 {
+        return;
+    }
+    let mut excess = 0.0;
+    for one in all.iter_mut().filter(|one| !are(one) && !one.unknown) {
+        excess += (one.probability - first).max(0.0);
+        one.probability = one.probability.min(first);
+    }
+    match all.iter_mut().find(|one| one.unknown) {
+        Some(other) => other.probability += excess,
+        None if excess > 0.0 => all.push(something_else(excess)),
+        None => {}
+    }
+}
+
+fn something_else(probability: f64) -> Explanation {
+    Explanation { effects: Vec::new(), unknown: true, probability, gap_after: None, wiring: None }
 }
 
 #[cfg(test)]
@@ -174,15 +200,63 @@ mod tests {
         }
     }
 
-    /// The calibrated probability may be low, but an answer still names its first explanation.
+    /// Returns the confidence of a lag, and the explanations by it, by a delay and by something else. Of the lag and of
+    /// the explanation by it, calibration says these probabilities.
+    fn of_lag(before: [f64; 3], [acts, complete]: [f64; 2]) -> (f64, Vec<(String, f64)>) {
+        let explanations = vec![
+            explanation(&["sensor-lag"], false, before[0]),
+            explanation(&["sensor-delay"], false, before[1]),
+            explanation(&[], true, before[2]),
+        ];
+        let mut effects = [named("sensor-lag", before[0])];
+        let calibration = Calibration { effect: always(acts), explanation: always(complete), ..Calibration::default() };
+        let statements = [statement(About::Effect, before[0])];
+        let name = |one: &Explanation| one.effects.first().map_or("something else", |at| at.effect.as_str()).to_owned();
+        let all = calibrated(explanations, &mut effects, &statements, &calibration);
+        (effects[0].confidence, all.iter().map(|one| (name(one), one.probability)).collect())
+    }
+
+    fn check(before: [f64; 3], calibrated: [f64; 2], expected: [(&str, f64); 3]) {
+        let (confidence, all) = of_lag(before, calibrated);
+        assert!((confidence - calibrated[0]).abs() < 1e-12, "{confidence}");
+        assert_eq!(all.len(), 3);
+        for (name, probability) in expected {
+            let found = all.iter().find(|(other, _)| other == name).unwrap();
+            assert!((found.1 - probability).abs() < 1e-12, "{all:?}");
+        }
+        assert!(all.windows(2).all(|pair| pair[0].1 >= pair[1].1), "{all:?}");
+    }
+
+    /// The effect is less probable than something else, and the answer says so.
     #[test]
-    fn the_first_explanation_stays_the_first() {
-        let explanations = vec![explanation(&["sensor-lag"], false, 0.7), explanation(&[], true, 0.3)];
-        let mut effects = [named("sensor-lag", 0.7)];
-        let calibration = Calibration { effect: always(0.1), explanation: always(0.1), ..Calibration::default() };
-        let all = calibrated(explanations, &mut effects, &[statement(About::Effect, 0.7)], &calibration);
-        assert!((effects[0].confidence - 0.5).abs() < 1e-12);
-        assert!(!all[0].unknown && (all[0].probability - 0.5).abs() < 1e-12);
+    fn no_effect_is_raised_above_its_calibration() {
+        check([0.7, 0.0, 0.3], [0.1, 0.1], [("sensor-lag", 0.1), ("sensor-delay", 0.0), ("something else", 0.9)]);
+        check([0.7, 0.0, 0.3], [0.4, 0.2], [("sensor-lag", 0.4), ("sensor-delay", 0.0), ("something else", 0.6)]);
+    }
+
+    /// The effect acts more probably than not, but seldom alone: something else, which would deny it, does not lead.
+    #[test]
+    fn an_explanation_that_is_seldom_complete_still_leads() {
+        check([0.7, 0.0, 0.3], [0.6, 0.3], [("sensor-lag", 0.5), ("sensor-delay", 0.0), ("something else", 0.5)]);
+    }
+
+    /// Two explanations that the records hardly distinguish keep their order, and something else gets the rest.
+    #[test]
+    fn a_rival_does_not_gain_from_doubts_in_the_first() {
+        check([0.51, 0.49, 0.0], [0.4, 0.4], [("sensor-lag", 0.4), ("sensor-delay", 0.4), ("something else", 0.2)]);
+        let (_, all) = of_lag([0.51, 0.49, 0.0], [0.4, 0.4]);
+        assert_eq!(all[0].0, "sensor-lag");
+    }
+
+    /// With nothing missing as the answer, its probability is the calibrated one, too.
+    #[test]
+    fn nothing_is_not_raised_above_its_calibration() {
+        let calibration = Calibration { nothing: always(0.2), ..Calibration::default() };
+        let explanations = vec![explanation(&[], false, 0.6), explanation(&["sensor-lag"], false, 0.4)];
+        let all = calibrated(explanations, &mut [], &[statement(About::Nothing, 0.6)], &calibration);
+        let found: Vec<(bool, f64)> = all.iter().map(|one| (one.unknown, one.probability)).collect();
+        assert!(found[0].0 && (found[0].1 - 0.6).abs() < 1e-12, "{found:?}");
+        assert!(found[1..].iter().all(|(unknown, p)| !unknown && (p - 0.2).abs() < 1e-12), "{found:?}");
     }
 
     #[test]

@@ -7,6 +7,7 @@ pub(crate) mod range;
 pub mod schema;
 mod sensor_noise;
 pub(crate) mod sentence;
+pub mod shape;
 pub(crate) mod simulation;
 pub(crate) mod statements;
 pub(crate) mod whole_delay;
@@ -303,6 +304,7 @@ pub(crate) fn remainder(
             0.0
         },
         further_cause: further(gap::how_often([with], |[with]| beyond(with) > material * material)),
+        material,
         repeats,
         place: RemainderPlace { channels: place.channels, bands_hz: place.bands_hz },
         nearest: more

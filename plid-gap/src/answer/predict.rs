@@ -47,8 +47,8 @@ pub struct Prediction {
     pub outputs: Channels,
     /// Change of the outputs by the effects.
     pub correction: Channels,
-    /// Change of the outputs of the simulation as given, by the effects and the refit; `None` with a simulator in the
-    /// loop, or if the file does not contain the simulation as given.
+    /// Change of the outputs of the simulation as given, by the effects and the refit; `None` if the file does not
+    /// contain the simulation as given, or if it was not asked for with a simulator in the loop.
     pub change: Option<Channels>,
     /// The excess of the input over the fitted range; `None` if the file does not state the range.
     pub beyond: Option<Beyond>,

@@ -7,6 +7,7 @@ use plid_report::Cell;
 use serde::{Deserialize, Serialize};
 
 use crate::answer::range::FittedRange;
+use crate::answer::shape::Shape;
 use crate::answer::statements::{expected, of_records, what_remains};
 use crate::case::Intersample;
 use crate::effects::Side;
@@ -15,6 +16,7 @@ use crate::judge::locate::LevelGap;
 pub use crate::judge::shrink::{Gap, ShrinkOver};
 pub use crate::judge::side::PlaceShare;
 pub use crate::judge::statement::{About, Statement};
+pub use crate::judge::statistics::Statistics;
 pub use crate::judge::verdict::Verdict;
 use crate::settings::{GapSettings, PlantSettings};
 
@@ -140,6 +142,7 @@ pub struct Where {
     /// Share of each of eight stretches of time in the squared gap.
     pub time: Vec<f64>,
     /// Slope of the logarithm of the relative gap over that of the level, if levels differ.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub level_slope: Option<f64>,
     /// Intervals of `channels`.
     #[serde(default)]
@@ -151,7 +154,7 @@ pub struct Where {
     #[serde(default)]
     pub time_ci95: Vec<[f64; 2]>,
     /// Interval of `level_slope`.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub level_slope_ci95: Option<[f64; 2]>,
     /// Gap beyond the noise of each record on which `level_slope` rests.
     #[serde(default)]
@@ -172,6 +175,9 @@ pub struct Remainder {
     pub share_of_gap: f64,
     /// Probability that the remainder beyond the noise exceeds what the case calls material.
     pub further_cause: f64,
+    /// The gap that the case calls material.
+    #[serde(default)]
+    pub material: f64,
     /// Share of its power, noise included, that repeats in every period of the periodic records: a cause that the input
     /// drives. `None` if no record shows two periods after the first one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -199,15 +205,20 @@ pub struct Comparison {
     /// The explanation, as in `not_separable`.
     pub explanation: String,
     /// Share of its trace that a bounded refit absorbs, if it is one entry of the first screen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub absorbed: Option<f64>,
     /// Cosine between the remaining part of its trace and that of the effect of the best explanation that it would
     /// replace.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cosine: Option<f64>,
     /// Expected difference to first order, before any fit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expected_before: Option<f64>,
     /// Expected difference with the explanation fitted to the prediction of the best one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expected: Option<f64>,
     /// The difference on the measured records.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub realised: Option<f64>,
 }
 
@@ -228,9 +239,16 @@ pub struct Diagnosis {
     /// The separability of explanations on the records, the best explanation first.
     #[serde(default)]
     pub separability: Vec<Comparison>,
-    /// The statements of the verdict and of further effects, with the basis of their probabilities.
+    /// The statements of the verdict, of further effects and of the remainder, with the basis of their probabilities.
     #[serde(default)]
     pub statements: Vec<Statement>,
+    /// The curves of the named laws at ports that have no memory.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub shapes: Vec<Shape>,
+    /// Statistics of the first explanation, for trials of what separates right causes from wrong ones. `None` if the
+    /// verdict is "none", or if the first effect is stochastic.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub statistics: Option<Statistics>,
     /// The location of the gap.
     #[serde(rename = "where")]
     pub place: Where,

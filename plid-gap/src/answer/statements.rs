@@ -108,6 +108,7 @@ mod tests {
             noise_unseen: false,
             share_of_gap: 0.0019,
             further_cause: 0.12,
+            material: 0.02,
             repeats: Some(0.35),
             place: RemainderPlace { channels: BTreeMap::from(channels), bands_hz: vec![[10.0, 12.0, 0.8]] },
             nearest: vec![at("clearance"), at("quadratic-damping")],

@@ -278,7 +278,7 @@ fn prior_std(
     let nuisance = Nuisance::new(&plant, &records, &Limits { frequency: 0.2, damping: 2.0, shape: 0.2 });
     let setting = Setting::bare(&plant, model);
     let settings = Arc::new(settings.clone());
-    let problem = Problem { plant, records, whiteners, nuisance, setting, settings, strong: false };
+    let problem = Problem { plant, records, whiteners, nuisance, setting, settings, strong: false, longer: Vec::new() };
     let normal = problem.jacobian(&problem.plant).normal;
     let Some(factor) = normal.cholesky() else { return Ok(Vec::new()) };
     let covariance = factor.inverse();

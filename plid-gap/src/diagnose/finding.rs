@@ -3,8 +3,9 @@
 use plid_model::Model;
 
 use crate::answer::calibrated::calibrated;
-use crate::answer::schema::{Diagnosis, Explanation, Located, NamedEffect, SimulationWithEffects};
+use crate::answer::schema::{Diagnosis, Explanation, Located, NamedEffect, Remainder, SimulationWithEffects};
 use crate::answer::sentence::{Said, remains, sentence};
+use crate::answer::shape::shapes;
 use crate::answer::simulation::written;
 use crate::answer::whole_delay::WholeDelay;
 use crate::answer::words::{smaller, words};
@@ -25,6 +26,7 @@ use crate::judge::separability::{Predicted, Rival, rivals};
 use crate::judge::settle_all::with_all;
 use crate::judge::side::places;
 use crate::judge::statement::{About, Statement, basis};
+use crate::judge::statistics::{self, Statistics};
 use crate::judge::stochastic_gap::of_dropped;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::search::rules::Rules;
@@ -70,22 +72,23 @@ impl<'f, 'a> Finding<'f, 'a> {
     /// Returns the contents of diagnosis.json. `motion` states the kinds of the outputs and the locations of forces.
     pub(super) fn diagnosis(&self, motion: Vec<String>, say: &mut dyn FnMut(String)) -> Diagnosis {
         let Explained { ready, found, .. } = self.explained;
-        let Judgement { gaps, held_out, simulated, shown, weighted, verdict, .. } = &self.judged;
+        let Judgement { gaps, held_out, shown, weighted, verdict, .. } = &self.judged;
         let (names, best) = (&ready.problem.setting.names, &found.best.effects);
-        let [before, after] = &self.maps;
-        let material = self.audit.case.config.material;
+        let [before, _] = &self.maps;
         say("compared with its rivals".into());
         // If nothing is missing, there are no explanations to distinguish.
         let predicted = (*verdict != Verdict::None).then(|| Predicted::new(&ready.problem, self.explained.fit()));
         let rivals = predicted.as_ref().map_or_else(Vec::new, |predicted| rivals(predicted, best, &found.candidates));
         let mut effects = self.named();
-        let statements = self.statements(&effects);
+        let mut statements = self.statements(&effects);
+        let statistics = self.statistics(&effects, &rivals);
         let candidates = self.candidates(&effects);
         let mut candidates = joined(calibrated(candidates, &mut effects, &statements, Calibration::used()));
         let sentence = self.sentence(&effects, &rivals);
         if *verdict != Verdict::Effects {
             effects.clear();
         }
+        let shapes = shapes(self.explained, &effects);
         // A delay that the audit removed is named, unless the verdict is something outside the vocabulary.
         let delay = self.delay.as_ref().filter(|_| *verdict != Verdict::Unknown);
         self.delay.iter().for_each(|delay| delay.explains(&mut candidates));
@@ -96,6 +99,8 @@ impl<'f, 'a> Finding<'f, 'a> {
             .and_then(|predicted| next_experiment(self.explained, weighted, best, predicted, &rivals));
         let class = others(self.explained, &rivals).map(|others| (in_words(best, names), others));
         let evidence = words(self.explained, before, *held_out, &self.evidence, motion, (&effects, class));
+        let (remainder, about_remainder) = self.remains();
+        statements.push(about_remainder);
         Diagnosis {
             verdict: if delay.is_some() { Verdict::Effects } else { *verdict },
             sentence,
@@ -106,6 +111,8 @@ impl<'f, 'a> Finding<'f, 'a> {
             not_separable: classes(self.explained, &rivals),
             separability: comparisons(found, best, &rivals, names),
             statements,
+            shapes,
+            statistics,
             place: place(
                 before,
                 &names.outputs,
@@ -113,7 +120,7 @@ impl<'f, 'a> Finding<'f, 'a> {
                 shown,
                 (&ready.problem.settings.judge, &ready.problem.settings.answer),
             ),
-            remainder: remainder(self.explained, gaps, (after, simulated), self.evidence.repeats, material),
+            remainder,
             evidence,
             gap: gaps.clone(),
             settings: GapSettings::clone(&ready.problem.settings),
@@ -167,6 +174,30 @@ impl<'f, 'a> Finding<'f, 'a> {
             Statement { about, before: effect.confidence, basis: whole.clone() }
         };
         named.iter().enumerate().map(of).collect()
+    }
+
+    /// Returns the remainder, with a calibrated probability of a further cause, and the statement about it.
+    fn remains(&self) -> (Remainder, Statement) {
+        let Judgement { gaps, simulated, .. } = &self.judged;
+        let (after, material) = (&self.maps[1], self.audit.case.config.material);
+        let mut remains = remainder(self.explained, gaps, (after, simulated), self.evidence.repeats, material);
+        let before = remains.further_cause;
+        let statement = Statement { about: About::Remainder, before, basis: basis(self.explained) };
+        remains.further_cause = Calibration::used().probability(&statement);
+        (remains, statement)
+    }
+
+    /// Returns the statistics of the explanation, whose first effect is the first of `named`. Stochastic effects leave
+    /// no trace in free runs, to which the statistics refer.
+    fn statistics(&self, named: &[NamedEffect], rivals: &[Rival]) -> Option<Statistics> {
+        let (explained, names) = (self.explained, &self.explained.ready.problem.setting.names);
+        let NamedEffect { effect, location, confidence, share, .. } = named.first()?;
+        let is = |placed: &&Placed| placed.effect.name() == effect && placed.place.location(names) == *location;
+        let first = explained.found.best.effects.iter().find(is).filter(|_| self.judged.verdict != Verdict::None)?;
+        let mut values = statistics::values(explained, &self.judged, rivals, first);
+        values.insert(statistics::CONFIDENCE.into(), *confidence);
+        values.extend(share.map(|share| ("share".into(), share)));
+        Some(Statistics { effect: effect.clone(), location: location.clone(), values })
     }
 
     /// Returns all explanations with their probabilities. In an imperfect simulation, small effects of the best
@@ -245,20 +276,40 @@ impl<'f, 'a> Finding<'f, 'a> {
     }
 
     /// Returns the linear parameters and the effects of the simulation that is written. Both are fitted to all records
-    /// after all statements have been made. The effects are left out if they predict the held-out records worse than
-    /// the simulation as given or its refit does.
+    /// after all statements have been made.
     fn predicting(&self) -> (Vec<f64>, Vec<Placed<'a>>) {
         let (fit, gap) = (self.explained.predicting(), &self.judged.gaps);
-        let follows =
-            gap.with_effect <= self.explained.ready.problem.settings.judge.no_worse * gap.as_given.min(gap.refit);
         // An effect that causes an immaterial gap is not named, but it is part of the prediction.
         let named = self.judged.weighted.first().is_some_and(|top| !top.effects.is_empty());
-        if (self.judged.verdict == Verdict::None && !named) || !follows {
-            let given = vec![0.0; fit.eta.len()];
-            let refit = self.explained.refitted.eta.clone();
-            return (if gap.refit <= gap.as_given { refit } else { given }, Vec::new());
+        let explains = self.judged.verdict != Verdict::None || named;
+        let with_effect = explains.then_some(gap.with_effect);
+        let no_worse = self.explained.ready.problem.settings.judge.no_worse;
+        match Follows::of([gap.as_given, gap.refit], with_effect, no_worse) {
+            Follows::AsGiven => (vec![0.0; fit.eta.len()], Vec::new()),
+            Follows::Refit => (self.explained.refitted.eta.clone(), Vec::new()),
+            Follows::Effects => with_all(&self.explained.ready, &fit).unwrap_or((fit.eta, fit.effects)),
         }
-        with_all(self.explained).unwrap_or((fit.eta, fit.effects))
+    }
+}
+
+/// The model that follows the held-out records and is written.
+#[derive(Debug, PartialEq)]
+enum Follows {
+    AsGiven,
+    Refit,
+    Effects,
+}
+
+impl Follows {
+    /// Chooses the model by the gaps on held-out records: of the simulation as given and of its refit, and with the
+    /// effects if there are any to write. The effects are left out if they predict worse than one of the others does;
+    /// the gap of effects whose free run diverges is no number.
+    fn of([as_given, refit]: [f64; 2], with_effect: Option<f64>, no_worse: f64) -> Self {
+        match with_effect {
+            Some(gap) if gap <= no_worse * as_given.min(refit) => Self::Effects,
+            _ if refit <= as_given => Self::Refit,
+            _ => Self::AsGiven,
+        }
     }
 }
 
@@ -288,6 +339,41 @@ fn joined(explanations: Vec<Explanation>) -> Vec<Explanation> {
 mod tests {
     use super::*;
     use crate::effects::{Library, Place};
+    use crate::testing;
+
+    /// Effects that predict held-out records worse than the simulation as given, or than its refit, are not written.
+    #[test]
+    fn what_is_written_predicts_no_worse_than_without_effects() {
+        let of = |gaps, with_effect| Follows::of(gaps, Some(with_effect), 1.001);
+        assert_eq!(of([0.2, 0.1], 0.1), Follows::Effects);
+        assert_eq!(of([0.2, 0.1], 0.10005), Follows::Effects);
+        assert_eq!(of([0.2, 0.1], 0.11), Follows::Refit);
+        assert_eq!(of([0.1, 0.2], 0.11), Follows::AsGiven);
+        assert_eq!(of([0.1, 0.2], 0.09), Follows::Effects);
+        for diverged in [f64::INFINITY, f64::NAN] {
+            assert_eq!(of([0.2, 0.1], diverged), Follows::Refit);
+        }
+        assert_eq!(Follows::of([0.2, 0.1], None, 1.001), Follows::Refit);
+    }
+
+    /// The offset is slightly larger in the held-out record. What is stated is the fit without this record, and what
+    /// is written is the fit with it.
+    #[test]
+    fn what_is_written_is_fitted_to_all_records() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        let size = crate::case::record::rms(&case.records[1].y[0]);
+        for record in &mut case.records {
+            let share = if record.name == "random-3" { 0.104 } else { 0.1 };
+            record.y[0].iter_mut().for_each(|y| *y += share * size);
+        }
+        testing::only(&mut case, &["sensor-offset"]);
+        let outcome = crate::diagnose(&case, &Library::standard(), &mut |_| {}).unwrap();
+        let stated = outcome.diagnosis.effects[0].parameters["o"].value / size;
+        let written = outcome.simulation.effects[0].parameters["o"].value / size;
+        assert!((stated - 0.1).abs() < 3e-4, "{stated}");
+        assert!((0.1008..0.1032).contains(&written), "{written} instead of {stated}");
+    }
 
     #[test]
     fn an_effect_appears_where_it_was_found_at_its_own_place() {

@@ -21,6 +21,8 @@ use plid_fourier::C;
 pub struct Shown {
     /// Names of the outputs.
     pub outputs: Vec<String>,
+    /// Unit of each output, if it is known.
+    pub units: Vec<Option<String>>,
     /// Sample rate in Hz.
     pub rate: f64,
     /// The map of the gap as given.
@@ -74,6 +76,7 @@ impl Finding<'_, '_> {
         let [before, after] = self.maps;
         Shown {
             outputs: names.outputs.clone(),
+            units: problem.setting.units.outputs.clone(),
             rate: plant.rate,
             before,
             after,

@@ -62,6 +62,7 @@ pub struct Learnt {
     /// Number of its cases.
     pub cases: usize,
     /// The commit of the program that answered.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commit: Option<String>,
 }
 
@@ -81,6 +82,9 @@ pub struct Calibration {
     pub nothing: Coefficients,
     /// The coefficients of "something outside the vocabulary".
     pub unknown: Coefficients,
+    /// The coefficients of the statement about the remainder.
+    #[serde(default)]
+    pub remainder: Coefficients,
 }
 
 impl Calibration {
@@ -98,6 +102,7 @@ impl Calibration {
             About::Further => &self.further,
             About::Nothing => &self.nothing,
             About::Unknown => &self.unknown,
+            About::Remainder => &self.remainder,
         }
     }
 
@@ -138,6 +143,16 @@ mod tests {
         }
         let most = 1.0 / (1.0 + (-MOST_LOG_ODDS).exp());
         assert!((Coefficients::default().probability(&statement(1.0)) - most).abs() < 1e-12);
+    }
+
+    /// A calibration without coefficients for the remainder leaves its probability as it is.
+    #[test]
+    fn a_calibration_may_lack_the_remainder() {
+        let mut lacking = serde_json::to_value(Calibration::default()).unwrap();
+        lacking.as_object_mut().unwrap().remove("remainder").unwrap();
+        let read: Calibration = serde_json::from_value(lacking).unwrap();
+        let statement = Statement { about: About::Remainder, before: 0.3, basis: BTreeMap::new() };
+        assert!((read.probability(&statement) - 0.3).abs() < 1e-12);
     }
 
     /// Log-odds are added: a probability of 0.5 has log-odds of zero, and ln 3 makes the odds 3 : 1.

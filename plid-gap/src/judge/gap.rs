@@ -63,6 +63,14 @@ impl Blocks {
         self.of(&all)
     }
 
+    /// Returns, for each block, by how much the squared error is below that of another simulation of the same records,
+    /// with each output scaled to unit RMS over all blocks.
+    pub fn gains_over(&self, other: &Self) -> Vec<f64> {
+        let power: Vec<f64> = self.output.iter().map(|o| o.iter().sum::<f64>().max(f64::MIN_POSITIVE)).collect();
+        let gain = |b: usize| (0..power.len()).map(|o| (other.error[o][b] - self.error[o][b]) / power[o]).sum();
+        (0..self.error[0].len()).map(gain).collect()
+    }
+
     fn of(&self, blocks: &[usize]) -> f64 {
         let share = |o: usize| {
             let sum = |values: &[f64]| blocks.iter().map(|&b| values[b]).sum::<f64>();
@@ -220,6 +228,19 @@ pub fn floor_over(noise: &[f64], records: &[&[Vec<f64>]]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The first simulation is right in the first half and misses the second output, whose power is 4 in each sample,
+    /// by one in the second half; the other simulation misses the first output by one everywhere.
+    #[test]
+    fn blocks_are_compared_one_by_one() {
+        let y = [vec![1.0; 48], vec![2.0; 48]];
+        let blocks = |simulated: [Vec<f64>; 2]| Blocks::new(&y, &simulated, 0);
+        let half: Vec<f64> = (0..48).map(|k| if k < 24 { 2.0 } else { 3.0 }).collect();
+        let gains = blocks([vec![1.0; 48], half]).gains_over(&blocks([vec![2.0; 48], vec![2.0; 48]]));
+        let expected = |b: usize| 2.0 / 48.0 - if b < 12 { 0.0 } else { 2.0 / (4.0 * 48.0) };
+        assert_eq!(gains.len(), 24);
+        assert!(gains.iter().enumerate().all(|(b, gain)| (gain - expected(b)).abs() < 1e-12), "{gains:?}");
+    }
 
     /// Noise of one size at two levels is a large part of the measured output at the lower level, but that has no
     /// bearing on the output of the louder record.

@@ -63,7 +63,9 @@ pub(super) fn imagined(problem: &Problem, noise: &NoiseModel, best: &Fit, experi
     let whitener = Whitener::new(&record, &noise, given.rate, vec![Vec::new(); given.p]);
     let (setting, settings) = (problem.setting.clone(), problem.settings.clone());
     let records = vec![record];
-    let made = Problem { plant: given, records, whiteners: vec![whitener], nuisance, setting, settings, strong: false };
+    let whiteners = vec![whitener];
+    let longer = Vec::new();
+    let made = Problem { plant: given, records, whiteners, nuisance, setting, settings, strong: false, longer };
     Some(Imagined { problem: made, peaks })
 }
 

@@ -24,5 +24,6 @@ pub(crate) mod shares;
 pub(crate) mod shrink;
 pub(crate) mod side;
 pub(crate) mod statement;
+pub(crate) mod statistics;
 pub(crate) mod stochastic_gap;
 pub(crate) mod verdict;

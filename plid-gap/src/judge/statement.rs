@@ -28,9 +28,15 @@ pub enum About {
     Nothing,
     /// Something outside the vocabulary is at work.
     Unknown,
+    /// A cause that the answer does not name makes more than the case calls material.
+    Remainder,
 }
 
 impl About {
+    /// All kinds.
+    pub const ALL: [Self; 6] =
+        [Self::Effect, Self::Explanation, Self::Further, Self::Nothing, Self::Unknown, Self::Remainder];
+
     /// Returns its name in files.
     pub fn name(self) -> &'static str {
         match self {
@@ -39,6 +45,7 @@ impl About {
             Self::Further => "further",
             Self::Nothing => "nothing",
             Self::Unknown => "unknown",
+            Self::Remainder => "remainder",
         }
     }
 }

@@ -127,8 +127,10 @@ pub struct Change {
     /// Cases that are worse answered without it.
     pub worse: Vec<String>,
     /// The share of the cases without the step minus that with it; `None` if no case has the figure.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub difference: Option<f64>,
     /// Its 95 % interval.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub ci95: Option<[f64; 2]>,
     /// The p-value of the two-sided sign test: the probability that chance alone divides better and worse at least as
     /// unevenly.
@@ -141,6 +143,7 @@ pub struct Figures {
     /// The figures of a trial.
     pub totals: Totals,
     /// The median duration of a case in seconds, without the baselines.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub median_s: Option<f64>,
 }
 

@@ -27,8 +27,10 @@ pub struct Baselines {
     /// The selection of effects by BIC, without a test of whether the best model is adequate.
     pub ranking: Claim,
     /// This selection for the second answer, from the reduced vocabulary.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ranking_left_out: Option<Claim>,
     /// The baselines that require a simulation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fitted: Option<Fitted>,
 }
 
@@ -41,7 +43,7 @@ pub struct Fitted {
     /// A linear refit almost without bounds.
     pub linear: Linear,
     /// The black box, which names nothing; `None` in answers from before there was one.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub black_box: Option<BlackBox>,
 }
 
@@ -62,21 +64,22 @@ fn wider(stated: &Limits) -> Limits {
 }
 
 /// Answers a case with the baselines. If effects to leave out are named, BIC alone also answers it without them. A
-/// case without a simulation is answered with the one that the diagnosis used.
+/// case without a simulation is answered with the one that the diagnosis used. `say` is called with the progress.
 pub(crate) fn answers(
     case: &Case,
     outcome: &Outcome,
     without: &[String],
     library: &Library,
+    say: &mut dyn FnMut(String),
 ) -> Result<Baselines, GapError> {
     let model = match &case.model {
         Some(model) => model.clone(),
         None => Model::from_json(&outcome.simulation.linear, "sim-with-effect.json")?,
     };
     let with_model = Case { model: Some(model.clone()), ..case.clone() };
-    let asked = bic::Asked::new(&with_model, library)?;
-    let ranking = asked.claim(library, &[]);
-    let ranking_left_out = (!without.is_empty()).then(|| asked.claim(library, without));
+    let asked = bic::Asked::new(&with_model, library, say)?;
+    let ranking = asked.claim(library, &[], say);
+    let ranking_left_out = (!without.is_empty()).then(|| asked.claim(library, without, say));
     let fitted = case.model.is_some().then(|| fitted(case, &model)).transpose()?;
     Ok(Baselines { ranking, ranking_left_out, fitted })
 }

@@ -2,6 +2,7 @@
 
 mod outcomes;
 mod regression;
+mod separation;
 
 use std::path::{Path, PathBuf};
 
@@ -13,10 +14,8 @@ use crate::error::TrialError;
 use crate::files;
 use crate::report;
 use crate::statistics::{self, Rate, calibration, error_by_chance};
-use outcomes::{Outcome, outcomes};
-
-/// The kinds of statements.
-const KINDS: [About; 5] = [About::Effect, About::Explanation, About::Further, About::Nothing, About::Unknown];
+use outcomes::{Answers, Outcome, outcomes};
+pub use separation::{FREQUENCY, Figures, Observed, PRESENT, Separation};
 
 /// Number of parts of the cases in cross-validation. Each is predicted by coefficients that were fitted to the others.
 const PARTS: usize = 10;
@@ -34,6 +33,7 @@ pub struct Opened {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Agreement {
     /// The kind of statement; `None` for all kinds.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub about: Option<About>,
     /// The rate at which the statements were right.
     pub right: Rate,
@@ -42,6 +42,7 @@ pub struct Agreement {
     /// The calibration of the calibrated probabilities.
     pub after: statistics::Calibration,
     /// The expected calibration error that chance alone would give the calibrated probabilities.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub by_chance: Option<f64>,
 }
 
@@ -56,23 +57,26 @@ pub struct Calibrated {
     pub checked_on: Vec<Learnt>,
     /// Agreement on these trials.
     pub checked: Vec<Agreement>,
+    /// How well each recorded statistic separates right first effects from wrong ones in the trials that were fitted;
+    /// empty if no answer records statistics.
+    pub separation: Vec<Separation>,
 }
 
-/// Fits the calibration to trials, checks it on others, and writes calibration.json, agreement.json and
-/// reliability.svg into `out`.
+/// Fits the calibration to trials, checks it on others, and writes calibration.json, agreement.json, reliability.svg
+/// and separation.csv into `out`.
 ///
 /// # Errors
 /// Returns the errors of [`crate::score()`].
 pub fn calibrate(fitted: &[Opened], checked: &[Opened], out: &Path) -> Result<Calibrated, TrialError> {
-    let (trials, of_fitted) = all(fitted)?;
-    let (checked_on, of_checked) = all(checked)?;
+    let Together { trials, outcomes: of_fitted, observed } = together(fitted)?;
+    let Together { trials: checked_on, outcomes: of_checked, .. } = together(checked)?;
     let coefficients = |outcomes: &[&Outcome]| {
         let of = |about: About| {
             let these: Vec<&Outcome> = outcomes.iter().copied().filter(|one| one.statement.about == about).collect();
             regression::fit(&these, basis(about))
         };
-        let [effect, explanation, further, nothing, unknown]: [Coefficients; 5] = KINDS.map(of);
-        Calibration { trials: trials.clone(), effect, explanation, further, nothing, unknown }
+        let [effect, explanation, further, nothing, unknown, remainder]: [Coefficients; 6] = About::ALL.map(of);
+        Calibration { trials: trials.clone(), effect, explanation, further, nothing, unknown, remainder }
     };
     let calibration = coefficients(&of_fitted.iter().collect::<Vec<_>>());
     let mut cases: Vec<&String> = of_fitted.iter().map(|outcome| &outcome.case).collect();
@@ -83,8 +87,12 @@ pub fn calibrate(fitted: &[Opened], checked: &[Opened], out: &Path) -> Result<Ca
         .collect();
     let crossed = agreements(&of_fitted, &|outcome| parts[part(outcome)].probability(&outcome.statement));
     let checked = agreements(&of_checked, &|outcome| calibration.probability(&outcome.statement));
-    let calibrated = Calibrated { calibration, crossed, checked_on, checked };
+    let separation = separation::separation(&observed);
+    let calibrated = Calibrated { calibration, crossed, checked_on, checked, separation };
     files::make(out)?;
+    if !calibrated.separation.is_empty() {
+        files::write(&out.join("separation.csv"), separation::csv(&calibrated.separation).as_bytes())?;
+    }
     files::write_json(&out.join("calibration.json"), &calibrated.calibration)?;
     files::write_json(&out.join("agreement.json"), &calibrated)?;
     let shown = if of_checked.is_empty() { &calibrated.crossed } else { &calibrated.checked };
@@ -99,21 +107,31 @@ pub fn calibrate(fitted: &[Opened], checked: &[Opened], out: &Path) -> Result<Ca
 fn basis(about: About) -> &'static [&'static str] {
     match about {
         About::Effect | About::Explanation => &["imperfect", "faint", "at-limit"],
-        About::Further | About::Nothing => &["imperfect"],
+        About::Further | About::Nothing | About::Remainder => &["imperfect"],
         About::Unknown => &[],
     }
 }
 
-/// Returns the outcomes of several trials. The seed of its trial precedes the name of each case, so that the names
-/// differ.
-fn all(opened: &[Opened]) -> Result<(Vec<Learnt>, Vec<Outcome>), TrialError> {
-    let (mut trials, mut all) = (Vec::new(), Vec::new());
+/// The answers of several trials.
+#[derive(Default)]
+struct Together {
+    trials: Vec<Learnt>,
+    outcomes: Vec<Outcome>,
+    observed: Vec<Observed>,
+}
+
+/// Returns the outcomes and the statistics of several trials. The seed of its trial precedes the name of each case, so
+/// that the names differ.
+fn together(opened: &[Opened]) -> Result<Together, TrialError> {
+    let mut all = Together::default();
     for Opened { trial, sealed } in opened {
-        let (learnt, outcomes) = outcomes(trial, sealed)?;
-        all.extend(outcomes.into_iter().map(|one| Outcome { case: format!("{} {}", learnt.seed, one.case), ..one }));
-        trials.push(learnt);
+        let Answers { learnt, outcomes, observed } = outcomes(trial, sealed)?;
+        let name = |case: &str| format!("{} {case}", learnt.seed);
+        all.outcomes.extend(outcomes.into_iter().map(|one| Outcome { case: name(&one.case), ..one }));
+        all.observed.extend(observed.into_iter().map(|one| Observed { case: name(&one.case), ..one }));
+        all.trials.push(learnt);
     }
-    Ok((trials, all))
+    Ok(all)
 }
 
 /// Returns the agreement of all statements, and of those of each kind.
@@ -131,5 +149,5 @@ fn agreements(outcomes: &[Outcome], probability: &dyn Fn(&Outcome) -> f64) -> Ve
             by_chance: error_by_chance(&these.iter().map(|one| probability(one)).collect::<Vec<_>>()),
         })
     };
-    std::iter::once(None).chain(KINDS.map(Some)).filter_map(of).collect()
+    std::iter::once(None).chain(About::ALL.map(Some)).filter_map(of).collect()
 }

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use plid_gap::answer::schema::{About, Statement};
-use plid_gap::calibration::Learnt;
+use plid_gap::answer::schema::{About, Statement, Statistics};
+use plid_gap::calibration::{CONFIDENCE, Learnt};
 use serde::Deserialize;
 
+use super::separation::Observed;
 use crate::answer;
 use crate::diagnose::{ANSWERS, LEFT_OUT, Names, WHOLE};
 use crate::error::TrialError;
@@ -32,18 +33,29 @@ pub struct Outcome {
 struct Stated {
     #[serde(default)]
     statements: Vec<Statement>,
+    statistics: Option<Statistics>,
 }
 
-/// Returns the statements of all answers of a trial, each with its outcome. As for a score, the answers are fixed
-/// before the seals are opened.
-pub(crate) fn outcomes(trial: &Path, sealed: &Path) -> Result<(Learnt, Vec<Outcome>), TrialError> {
+/// The answers of a trial.
+pub(crate) struct Answers {
+    /// The trial.
+    pub learnt: Learnt,
+    /// Their statements.
+    pub outcomes: Vec<Outcome>,
+    /// The statistics of those that record them.
+    pub observed: Vec<Observed>,
+}
+
+/// Returns the statements and the statistics of all answers of a trial, each with its outcome. As for a score, the
+/// answers are fixed before the seals are opened.
+pub(crate) fn outcomes(trial: &Path, sealed: &Path) -> Result<Answers, TrialError> {
     let whole = Manifest::read(trial)?;
     let answers = trial.join(ANSWERS);
     let given = given(&whole, Extent::Answered, &answers)?;
     let program = answer::one_program(given.iter().map(|(answered, _)| answered))?;
     fix(&given, &sealed.join(FIXED))?;
     let seal = unseal(&whole, trial, sealed)?;
-    let mut all = Vec::new();
+    let (mut outcomes, mut observed) = (Vec::new(), Vec::new());
     for (answered, _) in given.iter().filter(|(answered, _)| answered.failed.is_none()) {
         let Some(case) = whole.cases.iter().find(|case| case.case == answered.case) else { continue };
         let folder = sealed.join("cases").join(&case.case);
@@ -52,37 +64,54 @@ pub(crate) fn outcomes(trial: &Path, sealed: &Path) -> Result<(Learnt, Vec<Outco
         let truth: Truth = files::parse(&path, &bytes)?;
         let (path, bytes) = read("drawn.json")?;
         let drawn: DrawnCase = files::parse(&path, &bytes)?;
-        all.extend(of_answer(&answers.join(&case.case), WHOLE, &case.case, &truth, &[])?);
+        let mut read = |names: Names, without: &[String]| -> Result<(), TrialError> {
+            let path = answers.join(&case.case).join(names.diagnosis);
+            let bytes = files::read(&path)?;
+            let stated: Stated = files::parse(&path, &bytes)?;
+            let trial = format!("{} {}", seal.config.name, seal.seed);
+            observed.extend(of_statistics(&stated, trial, &case.case, &truth));
+            outcomes.extend(of_answer(stated, &files::parse(&path, &bytes)?, &case.case, &truth, without));
+            Ok(())
+        };
+        read(WHOLE, &[])?;
         if drawn.arm == Arm::LeaveOneOut {
-            all.extend(of_answer(&answers.join(&case.case), LEFT_OUT, &case.case, &truth, &case.without)?);
+            read(LEFT_OUT, &case.without)?;
         }
     }
     let commit = program.and_then(|program| program.commit);
-    Ok((Learnt { name: seal.config.name, seed: seal.seed, cases: given.len(), commit }, all))
+    let learnt = Learnt { name: seal.config.name, seed: seal.seed, cases: given.len(), commit };
+    Ok(Answers { learnt, outcomes, observed })
 }
 
-fn of_answer(
-    answer: &Path,
-    names: Names,
-    case: &str,
-    truth: &Truth,
-    without: &[String],
-) -> Result<Vec<Outcome>, TrialError> {
-    let path = answer.join(names.diagnosis);
-    let bytes = files::read(&path)?;
-    let claim: Claim = files::parse(&path, &bytes)?;
-    let Stated { statements } = files::parse(&path, &bytes)?;
-    let judged = judge(truth, without, &claim, None);
+/// Returns the statistics of an answer, if it records them.
+fn of_statistics(stated: &Stated, trial: String, case: &str, truth: &Truth) -> Option<Observed> {
+    let Statistics { effect, location, values } = stated.statistics.as_ref()?;
+    let mut values = values.clone();
+    Some(Observed {
+        trial,
+        case: case.to_owned(),
+        before: values.remove(CONFIDENCE)?,
+        basis: stated.statements.first()?.basis.clone(),
+        values,
+        right: truth.is_main(effect, location),
+    })
+}
+
+fn of_answer(stated: Stated, claim: &Claim, case: &str, truth: &Truth, without: &[String]) -> Vec<Outcome> {
+    let statements = stated.statements;
+    let judged = judge(truth, without, claim, None);
     let acts = judged.statements;
     let what = asked(truth, without);
     let imperfections = truth.gap_background.is_some() && truth.main().is_none();
     // A delay that the audit removed is named, but it is not a statement of the search.
-    let of_effects = acts.len() == statements.len();
+    let is_of_effect = |one: &&Statement| matches!(one.about, About::Effect | About::Further);
+    let of_effects = acts.len() == statements.iter().filter(is_of_effect).count();
     let right = |at: usize, about: About| match about {
         About::Effect | About::Further => of_effects.then(|| acts[at].1),
-        About::Explanation => judged.top.filter(|_| of_effects).map(|(_, is_truth)| is_truth),
+        About::Explanation => judged.explanation.filter(|_| of_effects).map(|(_, is_truth)| is_truth),
         About::Nothing => Some(what == Asked::None),
         About::Unknown => Some(what == Asked::Outside || imperfections),
+        About::Remainder => judged.further_cause.map(|(_, there_is)| there_is),
     };
     // The first explanation has the same basis as the first effect.
     let explanation = statements.first().filter(|first| first.about == About::Effect);
@@ -90,5 +119,5 @@ fn of_answer(
     let outcome = |(at, statement): (usize, Statement)| {
         Some(Outcome { case: case.to_owned(), right: right(at, statement.about)?, statement })
     };
-    Ok(statements.into_iter().chain(explanation).enumerate().filter_map(outcome).collect())
+    statements.into_iter().chain(explanation).enumerate().filter_map(outcome).collect()
 }

@@ -7,7 +7,7 @@ use super::outcomes::Outcome;
 
 /// Standard deviations of the prior of the constant, of the factor of the log-odds before calibration, and of the
 /// factors of the basis, whose quantities lie between zero and one.
-const PRIOR: [f64; 3] = [1.0, 0.5, 3.0];
+pub(super) const PRIOR: [f64; 3] = [1.0, 0.5, 3.0];
 
 /// Largest number of steps of Newton's method. The posterior has one maximum.
 const STEPS: usize = 100;
@@ -33,7 +33,12 @@ pub(crate) fn fit(outcomes: &[&Outcome], basis: &[&str]) -> Coefficients {
 }
 
 /// Returns the maximum of the log posterior by Newton's method, with each step halved until the density increases.
-fn newton(x: &DMatrix<f64>, right: &DVector<f64>, mean: &DVector<f64>, precision: &DVector<f64>) -> DVector<f64> {
+pub(super) fn newton(
+    x: &DMatrix<f64>,
+    right: &DVector<f64>,
+    mean: &DVector<f64>,
+    precision: &DVector<f64>,
+) -> DVector<f64> {
     let density = |b: &DVector<f64>| {
         let likelihood: f64 = (x * b).iter().zip(right).map(|(z, y)| y * z - softplus(*z)).sum();
         let off = b - mean;

@@ -6,7 +6,7 @@ use plid_report::{Axis, Chart, HeatMap, Report, Series, chart, charts, heat_map}
 use crate::scores::{ALL, ANSWERERS, EFFECT, GAP, GAP_NEAR, GAP_OF, GAP_OWN, GAPS, Scores, Totals, gap_bin};
 use crate::statistics::{Calibration, Rate};
 
-const COLOURS: [&str; 4] = ["#0072b2", "#d55e00", "#009e73", "#e69f00"];
+pub(super) const COLOURS: [&str; 4] = ["#0072b2", "#d55e00", "#009e73", "#e69f00"];
 const GREY: &str = "#8f8f8f";
 
 /// Returns the position of a bin: its geometric mean in per cent, with open bins taken to be as wide as the others.
@@ -129,7 +129,7 @@ pub(super) fn power_by_effect(scores: &Scores) -> String {
 
 /// Plots observed frequencies against stated probabilities: each calibration with its name and colour, the last one
 /// with its 95 % interval.
-fn diagram(of: &[(&str, &Calibration, &str)], label: &str) -> String {
+pub(super) fn diagram(of: &[(&str, &Calibration, &str)], label: &str) -> String {
     let mut series = vec![Series::line("perfect", vec![(0.0, 0.0), (100.0, 100.0)]).colour(GREY).dashed()];
     for (k, (name, calibration, colour)) in of.iter().enumerate() {
         let found: Vec<(f64, Rate)> = calibration.bins.iter().map(|bin| (100.0 * bin.stated, bin.came_true)).collect();
@@ -163,7 +163,7 @@ pub(crate) fn before_and_after(before: &Calibration, after: &Calibration) -> Str
     diagram(&[("before", before, COLOURS[1]), ("after calibration", after, COLOURS[0])], "stated probability, %")
 }
 
-fn figures(calibration: &Calibration) -> String {
+pub(super) fn figures(calibration: &Calibration) -> String {
     let text = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.3}"));
     format!("Brier score {}, expected calibration error {}", text(calibration.brier), text(calibration.expected_error))
 }

@@ -4,6 +4,7 @@
 mod cases;
 mod curves;
 mod main_cause;
+mod reliability;
 mod tables;
 
 pub(crate) use curves::{before_and_after, power, reliability};
@@ -26,6 +27,7 @@ pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
     report = main_cause::section(report, scores);
     report = curves::equations(report, scores);
     report = curves::calibrated(report, scores);
+    report = reliability::section(report, scores);
     report = tables::all(report, scores);
     report = cases::section(report, scores);
     report

@@ -8,11 +8,30 @@ use plid_testbed::gap::{Channels, PlantKind};
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{Extent, Options, Shard, TrialConfig, diagnose, draw, score};
 use plid_work::Silent;
+use serde_json::Value;
 
 const FILES: [&str; 4] = ["answer.json", "baselines.json", "diagnosis.json", "sim-with-effect.json"];
 
 fn answer(folder: &Path) -> Vec<Vec<u8>> {
     FILES.iter().map(|file| fs::read(folder.join(file)).unwrap()).collect()
+}
+
+/// The keys whose values are `null` in a JSON text, apart from those of which the format of diagnosis.json says so.
+fn nulls(value: &Value, key: &str, found: &mut Vec<String>) {
+    match value {
+        Value::Null if !["gap_after", "next_experiment"].contains(&key) => found.push(key.to_owned()),
+        Value::Array(items) => items.iter().for_each(|item| nulls(item, key, found)),
+        Value::Object(fields) => fields.iter().for_each(|(key, value)| nulls(value, key, found)),
+        _ => {}
+    }
+}
+
+/// Where there is no figure, there is no key.
+fn require_no_null(file: &Path) {
+    let value = serde_json::from_slice(&fs::read(file).unwrap()).unwrap();
+    let mut found = Vec::new();
+    nulls(&value, "", &mut found);
+    assert!(found.is_empty(), "{}: null at {found:?}", file.display());
 }
 
 #[test]
@@ -46,6 +65,10 @@ fn three_cases_from_the_draw_to_the_report() {
     assert_eq!(answer(&t.join("answers/case-002")), answer(&t.join("shards/2-of-3/case-002")));
 
     let scored = score(&t, &s, Extent::Whole, &library, &at("out"), &Silent).unwrap();
+    require_no_null(&at("out/scores.json"));
+    for case in ["case-001", "case-002", "case-003"] {
+        FILES.iter().for_each(|file| require_no_null(&t.join("answers").join(case).join(file)));
+    }
     assert_eq!(scored.cases.len(), 3);
     assert!(scored.cases.iter().all(|line| line.failed.is_none()));
     for line in &scored.cases {

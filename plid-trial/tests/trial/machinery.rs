@@ -80,7 +80,12 @@ fn made_up(folder: &Path, without: &[String]) -> Result<Answer, String> {
         "candidates": [{ "effects": named, "probability": 0.9 }, { "effects": [], "unknown": true,
             "probability": 0.1 }],
         "gap": { "predicted_held_out_gap": 0.02 },
-        "statements": [{ "about": "effect", "before": 0.95, "basis": { "imperfect": 0.0 } }],
+        "statements": [
+            { "about": "effect", "before": 0.95, "basis": { "imperfect": 0.0 } },
+            { "about": "remainder", "before": 0.2, "basis": { "imperfect": 0.0 } },
+        ],
+        "statistics": { "effect": effect, "location": "output:y1", "values": { "confidence": 0.95, "left": 0.3 } },
+        "remainder": { "further_cause": 0.2, "material": 0.02 },
     });
     let baselines = serde_json::json!({ "ranking": { "verdict": "none" }, "fitted": null });
     let bytes = |value: &serde_json::Value| value.to_string().into_bytes();
@@ -439,6 +444,21 @@ fn another_program_s_answers_are_no_measure_for_a_step() {
     assert!(said.starts_with("case-001: the answer has changed since the trial was diagnosed"), "{said}");
 }
 
+/// Each of the three answers makes a statement about the first effect, about the explanation and about the remainder.
+#[test]
+fn every_kind_of_statement_has_its_curve() {
+    let trial = Trial::drawn(21);
+    trial.diagnose(None, 2);
+    let scores = trial.score().unwrap();
+    let kinds: Vec<(&str, u64)> = (scores["reliability"].as_array().unwrap().iter())
+        .map(|one| (one["about"].as_str().unwrap(), one["calibration"]["of"].as_u64().unwrap()))
+        .collect();
+    assert_eq!(kinds, [("effect", 3), ("explanation", 3), ("remainder", 3)]);
+    let page = fs::read_to_string(trial.directory.path().join("out/report.html")).unwrap();
+    let section = page.split("Reliability of each kind of statement").nth(1).unwrap();
+    assert!(section.contains("A cause that the answer does not name"), "{section}");
+}
+
 /// The case whose effect is left out is a single effect with the whole vocabulary, and outside it in its second answer;
 /// the decoy's second answer is not counted.
 #[test]
@@ -476,8 +496,13 @@ fn a_calibration_is_learnt_from_one_trial_and_checked_on_another() {
     assert_eq!((written.trials[0].name.as_str(), written.trials[0].seed, written.trials[0].cases), ("made up", 11, 5));
     assert_eq!(calibrated.checked_on[0].seed, 12);
     // Three of the five cases are answered; the other two failed.
-    let [all, effect, explanation] = calibrated.checked.as_slice() else { panic!("{:?}", calibrated.checked) };
-    assert_eq!((all.right.of, effect.right.of, explanation.right.of), (6, 3, 3));
+    let [all, effect, explanation, remainder] = calibrated.checked.as_slice() else {
+        panic!("{:?}", calibrated.checked)
+    };
+    assert_eq!((all.right.of, effect.right.of, explanation.right.of, remainder.right.of), (9, 3, 3, 3));
+    let rows: Vec<(&str, usize)> = calibrated.separation.iter().map(|row| (row.statistic.as_str(), row.of)).collect();
+    assert_eq!(rows, [("frequency alone", 3), ("present basis", 3), ("left", 3)]);
+    assert_eq!(fs::read_to_string(out.join("separation.csv")).unwrap().lines().count(), 4);
     let stated = |calibration: &plid_trial::statistics::Calibration| calibration.bins[0].stated;
     assert!((stated(&effect.before) - 0.95).abs() < 1e-12 && stated(&effect.after) < 0.9, "{:?}", effect.after);
     assert!(fs::read_to_string(out.join("reliability.svg")).unwrap().contains("after calibration"));

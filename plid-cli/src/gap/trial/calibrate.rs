@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use plid_trial::calibrate::Agreement;
+use plid_trial::calibrate::{Agreement, Figures};
 use plid_trial::{Calibrated, Opened, calibrate};
 
 use super::{Failure, Voice, voice};
@@ -8,8 +8,9 @@ use super::{Failure, Voice, voice};
 /// Fit the calibration of stated probabilities to trials, and check it on others.
 ///
 /// Each answer records what its probabilities are based on. A logistic regression finds how often such statements
-/// were right. Writes calibration.json (for plid-gap/src/judge), agreement.json and reliability.svg. The trials must
-/// not be those on which results are reported.
+/// were right. A table compares the statistics that answers record by how well each separates right first effects from
+/// wrong ones. Writes calibration.json (for plid-gap/src/judge), agreement.json, reliability.svg and separation.csv.
+/// The trials must not be those on which results are reported.
 #[derive(clap::Args)]
 #[command(
     after_help = concat!(
@@ -51,6 +52,31 @@ fn summary(calibrated: &Calibrated) -> String {
     if !calibrated.checked.is_empty() {
         text += "trials that were checked:\n";
         text.extend(calibrated.checked.iter().map(line));
+    }
+    text + &separation(calibrated)
+}
+
+/// Returns the table of statistics: each alone, and beside the present basis.
+fn separation(calibrated: &Calibrated) -> String {
+    if calibrated.separation.is_empty() {
+        return String::new();
+    }
+    let figures = |figures: Option<&Figures>| {
+        figures.map_or(String::new(), |one| {
+            let auc = one.auc.map_or("-".to_owned(), |auc| format!("{auc:.3}"));
+            let [gain, error] = one.gain;
+            format!("{:.3} ({gain:+.3} +- {error:.3})   {:.3}   {auc}", one.brier, one.log_loss)
+        })
+    };
+    let mut text = String::from(
+        "what separates right first effects from wrong ones, by cross-validation (Brier score, and in brackets how far \
+         it is below that of the present basis; log loss; area under the curve):\n",
+    );
+    text += &format!("  {:<20} {:>9}   {:<42}   beside the present basis\n", "statistic", "answers", "alone");
+    for row in &calibrated.separation {
+        let (alone, beside) = (figures(Some(&row.alone)), figures(row.beside.as_ref()));
+        let line = format!("  {:<20} {:>9}   {alone:<42}   {beside}", row.statistic, row.answers);
+        text += &format!("{}\n", line.trim_end());
     }
     text
 }

@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use plid::gap::effects::Library;
+use plid_trial::reliability::Reliability;
 use plid_trial::scores::Scores;
 use plid_trial::{Extent, score};
 
@@ -78,5 +79,20 @@ fn summary(scores: &Scores) -> String {
         text +=
             &format!("  {:<86} {found:>6} {sign} {:<5} of {:>4}  {reached}\n", target.what, target.bound, target.of);
     }
-    text
+    text + &reliability(scores)
+}
+
+/// Returns a line for each kind of statement: how many were true, the expected calibration error and the Brier score.
+fn reliability(scores: &Scores) -> String {
+    let figure = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.3}"));
+    let line = |one: &Reliability| {
+        let (name, right, found) = (one.about.name(), &one.right, &one.calibration);
+        let (error, brier) = (figure(found.expected_error), figure(found.brier));
+        format!(
+            "  {name:<11} {:>4} of {:>4} true   calibration error {error}   Brier score {brier}\n",
+            right.hits, right.of
+        )
+    };
+    let lines: String = scores.reliability.iter().map(line).collect();
+    if lines.is_empty() { lines } else { format!("statements of the answers:\n{lines}") }
 }

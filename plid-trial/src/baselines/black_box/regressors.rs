@@ -88,6 +88,7 @@ pub struct Regressor {
     /// The number of the signal.
     pub of: usize,
     /// The second factor, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub times: Option<Factor>,
 }
 
