@@ -87,6 +87,16 @@ pub fn run(target: &Target, corpus: &Path, findings: &Path) {
     assert!(faults.is_empty(), "{name}: {} faults\n{}", faults.len(), faults.join("\n"));
 }
 
+/// Lets a target read one input, which another program has made.
+///
+/// # Panics
+/// Panics with the fault, if there is one.
+pub fn check(target: &Target, input: &[u8]) {
+    if let Err(wrong) = execute(target, input) {
+        panic!("{}: {wrong}", target.name);
+    }
+}
+
 /// Returns the files of a folder in the order of their names.
 fn files(folder: &Path) -> Vec<Vec<u8>> {
     let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
@@ -94,4 +104,18 @@ fn files(folder: &Path) -> Vec<Vec<u8>> {
     paths.sort();
     assert!(!paths.is_empty(), "{} has no file", folder.display());
     paths.iter().map(|path| fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[should_panic(expected = "a reader: ")]
+    fn a_fault_ends_a_check_with_the_name_of_the_reader() {
+        let read = |input: &[u8]| input[0].to_string();
+        let target = Target { name: "a reader", read, memory: 16, executions: 0 };
+        check(&target, b"x");
+        check(&target, b"");
+    }
 }

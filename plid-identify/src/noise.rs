@@ -38,6 +38,7 @@ pub struct Trial {
     /// The variance Sigma_ii.
     pub state: f64,
     /// Relative simulation error on the scoring data; `None` if the filter or its model diverged.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub free_run: Option<f64>,
 }
 

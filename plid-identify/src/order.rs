@@ -15,6 +15,7 @@ pub struct ScanRow {
     pub indices: Vec<usize>,
     /// Relative simulation error of the best filter on the scoring part of the training data; `None` if no filter gave
     /// a model.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub free_run: Option<f64>,
 }
 

@@ -42,6 +42,7 @@ pub enum Start {
     /// A state fitted to the first samples (all if `None`), separately for the simulation and the one-step prediction.
     Fitted {
         /// Number of samples used by the fit.
+        #[serde(skip_serializing_if = "Option::is_none")]
         window: Option<usize>,
     },
 }
@@ -69,10 +70,13 @@ pub struct OutputScore {
     /// Number of samples scored, without the missing ones.
     pub samples: usize,
     /// RMS of the error, in the output's unit. `None` without samples.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rms_error: Option<f64>,
     /// RMS of the error over RMS of the output. `None` if the output is zero throughout.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub relative_rms: Option<f64>,
     /// 100 (1 - |y - y_model| / |y - mean y|), the fit of MATLAB's `compare`. `None` for a constant output.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub fit_percent: Option<f64>,
 }
 
@@ -85,6 +89,7 @@ pub enum Run {
         /// The scores of the outputs.
         outputs: Vec<OutputScore>,
         /// RMS(y - y_model) / RMS(y) over all outputs, each scaled to unit RMS.
+        #[serde(skip_serializing_if = "Option::is_none")]
         relative_rms: Option<f64>,
     },
     /// The run diverged.
@@ -106,6 +111,7 @@ pub struct Trial {
     /// The simulation.
     pub free_run: Run,
     /// The one-step prediction, if the model has a predictor gain.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub one_step: Option<Run>,
 }
 

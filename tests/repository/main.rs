@@ -1,5 +1,6 @@
-//! The repository itself: its book, its lines, its packages and its dependencies.
+//! The repository itself: its book, its lines, its packages, its dependencies, and the keys of the files it writes.
 
+mod absent;
 mod book;
 mod cluster;
 mod columns;

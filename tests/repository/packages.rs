@@ -1,4 +1,5 @@
-//! A package holds everything that it includes: what lies outside its folder is not published with it.
+//! A package holds everything that it includes, because what lies outside its folder is not published with it, and its
+//! manifest says what a registry asks for.
 
 use std::fs;
 use std::path::{Component, Path, PathBuf};
@@ -8,7 +9,7 @@ fn root() -> PathBuf {
 }
 
 /// The Rust files below a folder.
-fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+pub(crate) fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).into_iter().flatten() {
         let path = entry.unwrap().path();
         if path.is_dir() {
@@ -17,6 +18,20 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
             found.push(path);
         }
     }
+}
+
+/// The folders of all packages.
+pub(crate) fn members() -> Vec<PathBuf> {
+    let members = manifest(&root())["workspace"]["members"].clone();
+    let folders = members.as_array().unwrap().iter().map(|member| member.as_str().unwrap()).chain(["."]);
+    let folders: Vec<PathBuf> = folders.map(|member| plain(&root().join(member))).collect();
+    assert!(folders.len() > 20);
+    folders
+}
+
+/// The manifest in a folder.
+fn manifest(folder: &Path) -> toml::Table {
+    toml::from_str(&fs::read_to_string(folder.join("Cargo.toml")).unwrap()).unwrap()
 }
 
 /// The paths that the text of a file includes, as far as they are written out, relative to the file.
@@ -55,13 +70,9 @@ fn strangers(package: &Path) -> Vec<String> {
 
 #[test]
 fn nothing_is_included_from_outside_a_package() {
-    let manifest = fs::read_to_string(root().join("Cargo.toml")).unwrap();
-    let manifest: toml::Table = toml::from_str(&manifest).unwrap();
-    let members = manifest["workspace"]["members"].as_array().unwrap();
-    assert!(members.len() > 20);
-    for member in members.iter().map(|member| member.as_str().unwrap()).chain(["."]) {
-        let strange = strangers(&plain(&root().join(member)));
-        assert!(strange.is_empty(), "{member} includes {strange:#?}");
+    for member in members() {
+        let strange = strangers(&member);
+        assert!(strange.is_empty(), "{} includes {strange:#?}", member.display());
     }
 }
 
@@ -75,4 +86,34 @@ fn a_stranger_is_found() {
     fs::write(folder.path().join("src/deep/a.rs"), text).unwrap();
     let strange = strangers(folder.path());
     assert_eq!(strange, ["src/deep/a.rs: ../../../all/", "src/deep/a.rs: ../../../there.bin"]);
+}
+
+/// The value of a key of `[package]`, which may be that of the workspace.
+fn of_package(manifest: &toml::Table, key: &str) -> Option<toml::Value> {
+    let value = manifest["package"].get(key)?;
+    let is_inherited = value.get("workspace").is_some();
+    if is_inherited { self::manifest(&root())["workspace"]["package"].get(key).cloned() } else { Some(value.clone()) }
+}
+
+/// What crates.io asks for and `cargo publish --dry-run` does not check.
+#[test]
+fn a_published_package_has_the_metadata_that_a_registry_asks_for() {
+    for member in members() {
+        let manifest = manifest(&member);
+        if manifest["package"].get("publish").is_some() {
+            continue;
+        }
+        let name = member.display();
+        for key in ["description", "license", "readme", "rust-version"] {
+            assert!(of_package(&manifest, key).is_some_and(|text| !text.as_str().unwrap().is_empty()), "{name}: {key}");
+        }
+        for key in ["keywords", "categories"] {
+            let words = of_package(&manifest, key).unwrap_or_else(|| panic!("{name}: no {key}"));
+            let words: Vec<&str> = words.as_array().unwrap().iter().map(|word| word.as_str().unwrap()).collect();
+            assert!((1..=5).contains(&words.len()), "{name}: {key} {words:?}");
+            // The limit is that of a keyword.
+            let long: Vec<&&str> = words.iter().filter(|word| key == "keywords" && word.len() > 20).collect();
+            assert!(long.is_empty(), "{name}: {long:?} has more than 20 letters");
+        }
+    }
 }

@@ -90,6 +90,7 @@ pub struct Timing {
     /// The median of these ratios.
     pub passes: f64,
     /// Number of bytes allocated within all timed steps; `None` if they were not counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub allocated_bytes: Option<usize>,
     /// Number of times that the recursion failed and was restarted.
     pub restarts: usize,

@@ -48,9 +48,11 @@ pub struct ReferenceSummary {
     pub microseconds_per_step: f64,
     /// The condition of the correlation matrix of P at the last snapshot (a lower bound); `None` if P is no longer
     /// positive.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub condition: Option<f64>,
     /// The largest scaled difference between this P and that of Bierman UD in double-double, and the step at which it
     /// was taken. It is the error of the reference itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_error: Option<(usize, f64)>,
 }
 

@@ -30,6 +30,7 @@ pub struct Machine {
     /// Version of plid.
     pub plid: String,
     /// Load averages over 1, 5 and 15 minutes before the start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub load_average: Option<[f64; 3]>,
 }
 

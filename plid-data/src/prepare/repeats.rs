@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 pub struct Repeats {
     /// Number of samples in a period of each record. Without it, the records are repeats of one another.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub period: Option<usize>,
     /// Number of periods or records at the beginning that are left out because of the transient.
     #[serde(default)]

@@ -4,23 +4,23 @@ use plid_bench::{expectations, speed, stability};
 
 use crate::{configs::read, fuzz, require_same, with_folder, words};
 
-#[test]
-fn speed_config() {
+#[cfg_attr(test, test)]
+pub fn speed_config() {
     fuzz("speed-config", 2000, 5000, |bytes| read(bytes, speed::Config::problems));
 }
 
-#[test]
-fn stability_config() {
+#[cfg_attr(test, test)]
+pub fn stability_config() {
     fuzz("stability-config", 2000, 5000, |bytes| read(bytes, stability::Config::problems));
 }
 
-#[test]
-fn expectations_config() {
+#[cfg_attr(test, test)]
+pub fn expectations_config() {
     fuzz("expectations-config", 2000, 5000, |bytes| read(bytes, expectations::Config::problems));
 }
 
-#[test]
-fn peers() {
+#[cfg_attr(test, test)]
+pub fn peers() {
     fuzz("peers", 1000, 5000, |bytes| {
         with_folder(|folder| {
             let file = folder.join("peers.json");
@@ -32,8 +32,8 @@ fn peers() {
     });
 }
 
-#[test]
-fn speed_results() {
+#[cfg_attr(test, test)]
+pub fn speed_results() {
     fuzz("speed-results", 2000, 5000, |bytes| {
         with_folder(|folder| {
             let file = folder.join("speed.json");

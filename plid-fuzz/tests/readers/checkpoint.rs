@@ -35,8 +35,8 @@ fn continued(paused: Option<&Paused>, until: usize) -> Result<Ending, plid_ident
     run(&plan(), &[samples], paused, &mut |done, _| done < until)
 }
 
-#[test]
-fn checkpoint() {
+#[cfg_attr(test, test)]
+pub fn checkpoint() {
     fuzz("checkpoint", 1000, 5000, |bytes| {
         let paused: Paused = match json(bytes) {
             Ok(paused) => paused,

@@ -25,17 +25,17 @@ where
     words(read)
 }
 
-#[test]
-fn experiment() {
+#[cfg_attr(test, test)]
+pub fn experiment() {
     fuzz("experiment", 2000, 5000, |bytes| read(bytes, Experiment::problems));
 }
 
-#[test]
-fn case() {
+#[cfg_attr(test, test)]
+pub fn case() {
     fuzz("case", 2000, 5000, |bytes| read(bytes, CaseConfig::problems));
 }
 
-#[test]
-fn trial() {
+#[cfg_attr(test, test)]
+pub fn trial() {
     fuzz("trial", 2000, 5000, |bytes| read(bytes, TrialConfig::problems));
 }

@@ -34,23 +34,23 @@ fn same(a: &Array2<f64>, b: &Array2<f64>) -> bool {
     a.dim() == b.dim() && a.iter().zip(b).all(|(a, b)| a == b || (a.is_nan() && b.is_nan()))
 }
 
-#[test]
-fn csv() {
+#[cfg_attr(test, test)]
+pub fn csv() {
     fuzz("csv", 400, 20_000, |bytes| read("x.csv", bytes));
 }
 
 /// Compressed variables expand up to a thousand times, and a byte may become a number of eight.
-#[test]
-fn mat() {
+#[cfg_attr(test, test)]
+pub fn mat() {
     fuzz("mat", 50_000, 20_000, |bytes| read("x.mat", bytes));
 }
 
-#[test]
-fn npy() {
+#[cfg_attr(test, test)]
+pub fn npy() {
     fuzz("npy", 400, 20_000, |bytes| read("x.npy", bytes));
 }
 
-#[test]
-fn npz() {
+#[cfg_attr(test, test)]
+pub fn npz() {
     fuzz("npz", 50_000, 20_000, |bytes| read("x.npz", bytes));
 }

@@ -21,8 +21,8 @@ fn read(file: &Path) -> String {
 }
 
 /// Compressed files expand up to a thousand times, but they are unpacked piece by piece.
-#[test]
-fn archive() {
+#[cfg_attr(test, test)]
+pub fn archive() {
     fuzz("fmu", 20_000, 2000, |bytes| {
         with_folder(|folder| {
             let file = folder.join("x.fmu");
@@ -32,8 +32,8 @@ fn archive() {
     });
 }
 
-#[test]
-fn model_description() {
+#[cfg_attr(test, test)]
+pub fn model_description() {
     fuzz("model-description", 2000, 3000, |bytes| {
         with_folder(|folder| {
             let file = folder.join("x.fmu");

@@ -25,29 +25,29 @@ fn read<T: Serialize + DeserializeOwned + PartialEq>(study: &str, bytes: &[u8]) 
     })
 }
 
-#[test]
-fn stability_journal() {
+#[cfg_attr(test, test)]
+pub fn stability_journal() {
     fuzz("stability-journal", 1000, 5000, |bytes| read::<stability::Cell>("stability", bytes));
 }
 
-#[test]
-fn expectations_journal() {
+#[cfg_attr(test, test)]
+pub fn expectations_journal() {
     fuzz("expectations-journal", 1000, 5000, |bytes| read::<expectations::Finished>("expectations", bytes));
 }
 
-#[test]
-fn speed_journal() {
+#[cfg_attr(test, test)]
+pub fn speed_journal() {
     fuzz("speed-journal", 1000, 5000, |bytes| read::<speed::Entry>("speed", bytes));
 }
 
-#[test]
-fn paper_journal() {
+#[cfg_attr(test, test)]
+pub fn paper_journal() {
     fuzz("paper-journal", 1000, 5000, |bytes| read::<plid_paper::Done>("reproduce", bytes));
 }
 
 /// The file that says which shard a folder holds, and that it is complete.
-#[test]
-fn study_shard() {
+#[cfg_attr(test, test)]
+pub fn study_shard() {
     fuzz("study-shard", 2000, 5000, |bytes| {
         with_folder(|folder| {
             let shard = folder.join("shards/1-of-1");

@@ -1,8 +1,13 @@
-//! Mutated inputs for every reader: docs/robustness.md.
+//! Mutated inputs for every reader: docs/robustness.md. Without `cfg(test)`, this is the program of
+//! `plid-fuzz/coverage`, in which libFuzzer makes the inputs.
+
+#![cfg_attr(not(test), no_main)]
 
 mod bench;
 mod checkpoint;
 mod configs;
+#[cfg(not(test))]
+mod coverage;
 mod data;
 mod fmu;
 mod journal;
@@ -17,11 +22,15 @@ mod trial;
 use std::fmt::Debug;
 use std::path::Path;
 
+#[cfg(not(test))]
+use coverage::fuzz;
+#[cfg(test)]
 use plid_fuzz::Target;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// Lets a reader read its corpus and mutations of it.
+#[cfg(test)]
 fn fuzz(name: &'static str, memory: u64, executions: u64, read: fn(&[u8]) -> String) {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
     let target = Target { name, read, memory, executions };

@@ -4,8 +4,8 @@ use plid_model::Model;
 
 use crate::{fuzz, require_same, words};
 
-#[test]
-fn model() {
+#[cfg_attr(test, test)]
+pub fn model() {
     fuzz("model", 1000, 10_000, |bytes| {
         let value = match serde_json::from_slice(bytes) {
             Ok(value) => value,

@@ -17,8 +17,8 @@ const SAMPLES: usize = 24;
 const INPUTS: usize = 4;
 
 /// What such a file says at its most is a delay of a million samples.
-#[test]
-fn simulation_with_effects() {
+#[cfg_attr(test, test)]
+pub fn simulation_with_effects() {
     fuzz("sim-with-effect", 100_000, 2000, |bytes| {
         let written: SimulationWithEffects = match json(bytes) {
             Ok(written) => written,
@@ -44,8 +44,8 @@ fn simulation_with_effects() {
 }
 
 /// Such a file belongs to a simulator with one input. It, too, may contain a delay of a million samples.
-#[test]
-fn simulator_with_effects() {
+#[cfg_attr(test, test)]
+pub fn simulator_with_effects() {
     fuzz("simulator-with-effects", 100_000, 2000, |bytes| {
         let written: SimulatorWithEffects = match json(bytes) {
             Ok(written) => written,
@@ -67,8 +67,8 @@ fn simulator_with_effects() {
     });
 }
 
-#[test]
-fn diagnosis() {
+#[cfg_attr(test, test)]
+pub fn diagnosis() {
     fuzz("diagnosis", 1000, 5000, |bytes| {
         let read = json::<Diagnosis>(bytes);
         if let Ok(diagnosis) = &read {

@@ -13,8 +13,8 @@ pub fn simulator() -> Linear {
     Linear::new(&model, "linear", 2).unwrap()
 }
 
-#[test]
-fn requests() {
+#[cfg_attr(test, test)]
+pub fn requests() {
     fuzz("requests", 1000, 20_000, |bytes| {
         let mut answers = Vec::new();
         let served = serve(&mut simulator(), bytes, &mut answers);
@@ -23,8 +23,8 @@ fn requests() {
     });
 }
 
-#[test]
-fn description() {
+#[cfg_attr(test, test)]
+pub fn description() {
     fuzz("description", 1000, 10_000, |bytes| match json::<Description>(bytes) {
         Ok(description) => words(description.check()),
         refused => words(refused),
@@ -50,8 +50,8 @@ fn ask(simulator: &mut Command) -> Result<(), SimulatorError> {
 
 /// A program that answers whatever it is asked with these bytes, and ends.
 #[cfg(unix)]
-#[test]
-fn answers() {
+#[cfg_attr(test, test)]
+pub fn answers() {
     fuzz("answers", 5000, 300, |bytes| {
         with_folder(|folder| {
             std::fs::write(folder.join("answers"), bytes).unwrap();

@@ -30,13 +30,13 @@ fn read(case: &str, bytes: &[u8], file: &str) -> String {
     })
 }
 
-#[test]
-fn record() {
+#[cfg_attr(test, test)]
+pub fn record() {
     fuzz("record", 1000, 5000, |bytes| read(include_str!("../../corpus/case/record.toml"), bytes, "r1.csv"));
 }
 
-#[test]
-fn simulated_record() {
+#[cfg_attr(test, test)]
+pub fn simulated_record() {
     fuzz("simulated-record", 1000, 5000, |bytes| {
         read(include_str!("../../corpus/case/simulated.toml"), bytes, "s1.csv")
     });

@@ -26,18 +26,18 @@ fn finished(bytes: &[u8], file: &str) -> String {
     })
 }
 
-#[test]
-fn run_model() {
+#[cfg_attr(test, test)]
+pub fn run_model() {
     fuzz("run-model", 2000, 3000, |bytes| finished(bytes, "model.json"));
 }
 
-#[test]
-fn run_result() {
+#[cfg_attr(test, test)]
+pub fn run_result() {
     fuzz("run-result", 1000, 3000, |bytes| finished(bytes, "result.json"));
 }
 
-#[test]
-fn run_manifest() {
+#[cfg_attr(test, test)]
+pub fn run_manifest() {
     fuzz("run-manifest", 1000, 3000, |bytes| finished(bytes, "manifest.json"));
 }
 
@@ -79,8 +79,8 @@ fn continued(folder: &Path, reports: usize) -> Result<Outcome, RunError> {
     carry_out(&experiment(folder), folder, Some(folder), true, &After::new(reports))
 }
 
-#[test]
-fn run_checkpoint() {
+#[cfg_attr(test, test)]
+pub fn run_checkpoint() {
     fuzz("run-checkpoint", 2000, 100, |bytes| {
         with_folder(|folder| {
             fs::write(folder.join(CHECKPOINT), bytes).unwrap();

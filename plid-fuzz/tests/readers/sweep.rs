@@ -8,8 +8,8 @@ use crate::{fuzz, with_folder, words};
 const EXPERIMENT: &str = include_str!("../../corpus/experiment/truss.toml");
 
 /// Every value of a grid becomes an experiment.
-#[test]
-fn sweep() {
+#[cfg_attr(test, test)]
+pub fn sweep() {
     fuzz("sweep", 4000, 2000, |bytes| {
         with_folder(|folder| {
             std::fs::write(folder.join("truss.toml"), EXPERIMENT).unwrap();

@@ -9,8 +9,8 @@ use plid_trial::{DrawnCase, Seconds};
 
 use crate::{fuzz, json, with_folder, words};
 
-#[test]
-fn seal() {
+#[cfg_attr(test, test)]
+pub fn seal() {
     fuzz("seal", 2000, 5000, |bytes| {
         with_folder(|folder| {
             fs::write(folder.join("seal.json"), bytes).unwrap();
@@ -20,8 +20,8 @@ fn seal() {
 }
 
 /// The manifest of a trial with one shard.
-#[test]
-fn manifest() {
+#[cfg_attr(test, test)]
+pub fn manifest() {
     fuzz("manifest", 2000, 2000, |bytes| {
         with_folder(|folder| {
             fs::write(folder.join("trial.json"), bytes).unwrap();
@@ -47,8 +47,8 @@ fn one_shard(folder: &Path) {
     }
 }
 
-#[test]
-fn shard() {
+#[cfg_attr(test, test)]
+pub fn shard() {
     fuzz("shard", 2000, 3000, |bytes| {
         with_folder(|folder| {
             one_shard(folder);
@@ -59,8 +59,8 @@ fn shard() {
 }
 
 /// What a merge accepts, it copies.
-#[test]
-fn answer() {
+#[cfg_attr(test, test)]
+pub fn answer() {
     fuzz("answer", 2000, 2000, |bytes| {
         with_folder(|folder| {
             one_shard(folder);
@@ -76,8 +76,8 @@ fn answer() {
 }
 
 /// What is asked of a label that can be read.
-#[test]
-fn label() {
+#[cfg_attr(test, test)]
+pub fn label() {
     fuzz("label", 2000, 5000, |bytes| {
         let read = serde_json::from_slice::<Truth>(bytes);
         if let Ok(truth) = &read {
@@ -94,12 +94,12 @@ fn label() {
 }
 
 /// What was asked of the testbed, which draws the case again from it.
-#[test]
-fn drawn() {
+#[cfg_attr(test, test)]
+pub fn drawn() {
     fuzz("drawn", 2000, 5000, |bytes| words(json::<DrawnCase>(bytes)));
 }
 
-#[test]
-fn seconds() {
+#[cfg_attr(test, test)]
+pub fn seconds() {
     fuzz("seconds", 2000, 5000, |bytes| words(json::<Seconds>(bytes)));
 }

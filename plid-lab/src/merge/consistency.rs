@@ -22,6 +22,7 @@ pub struct Departure {
     /// `directions` if a few of them dominate.
     pub effective: f64,
     /// Chi-square of the other runs among themselves over its degrees of freedom, at least 1; `None` with two runs.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub overdispersion: Option<f64>,
     /// Chi-square divided by `directions` and by `overdispersion`: about 1 for a consistent run.
     pub quotient: f64,

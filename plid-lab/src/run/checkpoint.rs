@@ -20,6 +20,7 @@ pub(crate) struct Saved {
     /// The [`identity`] of the experiment and its files, to which the checkpoint belongs.
     experiment_sha256: String,
     pub(crate) memory: Memory,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) paused: Option<Paused>,
 }
 

@@ -16,6 +16,7 @@ use plid_model::{ChannelScaling, Model, undo_scaling};
 pub struct Estimate {
     /// Prior variances of [a_1; ..; a_p; b_1; ..; b_m], independent and with zero mean, in the data's units like the
     /// covariance in model.json; `None` if the run started from an earlier model.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prior_variances: Option<Vec<f64>>,
     /// Mean square of the last innovations, divided by their variance according to P and R at the end and averaged
     /// over the outputs. It is 1 if the noise covariances have the right size. The covariance in model.json is too

@@ -18,6 +18,7 @@ pub struct PeakRow {
     /// Peak of the true plant: frequency in Hz and magnitude in dB.
     pub truth: (f64, f64),
     /// Peak of the model: frequency in Hz and magnitude in dB; `None` if it has no peak there.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<(f64, f64)>,
 }
 
