@@ -12,10 +12,14 @@ MATRICES.npz holds, with n coordinates q:
     ports      n x r     the direction of each port: its force acts along it, its displacement is measured along it
     input_names, output_names, port_names   optional lists of words
 
+The matrices of a finite-element program have more coordinates than a simulation needs: `--modes N` keeps the N modes of
+lowest frequency. What the other modes give way under a constant force is then missing.
+
 From a MuJoCo model, the inputs are the actuators, and each joint is an output and a port. A URDF has no actuators: each
-joint that is not fixed gets a motor, whose input is its force or torque. The model is linearised at its initial
-position; only hinges and slides are allowed, and contacts are left out. Needs NumPy and SciPy, and `mujoco` for the
-last two forms.
+joint that is not fixed gets a motor, whose input is its force or torque. An input with the name of a joint is called
+NAME_command, because a file of records has one column of each name. The model is linearised at its initial position;
+only hinges and slides are allowed, and contacts are left out. Needs NumPy and SciPy, and `mujoco` for the last two
+forms.
 """
 
 import argparse
@@ -23,7 +27,7 @@ import json
 import sys
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import eigh, expm
 
 STEP = 1e-6  # of the finite differences, in rad or m and their derivatives
 
@@ -72,6 +76,7 @@ def linearised(model, path):
     for column, unit in zip(mass, np.eye(n)):
         mujoco.mj_mulM(model, data, column, unit)  # M is symmetric
     joints = [model.joint(j).name or f"joint{j + 1}" for j in range(model.njnt)]
+    actuators = [model.actuator(i).name or f"u{i + 1}" for i in range(m)]
     return {
         "M": mass,
         "C": -slope(n, lambda e: (zero, e, still)),
@@ -79,7 +84,7 @@ def linearised(model, path):
         "inputs": slope(m, lambda e: (zero, zero, e)),
         "outputs": np.eye(n),
         "ports": np.eye(n),
-        "input_names": [model.actuator(i).name or f"u{i + 1}" for i in range(m)],
+        "input_names": [f"{name}_command" if name in joints else name for name in actuators],
         "output_names": joints,
         "port_names": joints,
     }
@@ -88,6 +93,18 @@ def linearised(model, path):
 def names(matrices, key, count, letter):
     """The names under a key, or u1, u2, ..."""
     return [str(name) for name in matrices[key]] if key in matrices else [f"{letter}{k + 1}" for k in range(count)]
+
+
+def lowest_modes(matrices, count):
+    """The matrices in the coordinates of the modes of lowest frequency."""
+    mass, damping, stiffness, force, outputs, ports = (
+        np.atleast_2d(np.asarray(matrices[key], float)) for key in ["M", "C", "K", "inputs", "outputs", "ports"]
+    )
+    if not 1 <= count <= len(mass):
+        sys.exit(f"--modes {count}: the matrices have {len(mass)} modes")
+    _, shapes = eigh(stiffness, mass, subset_by_index=[0, count - 1])
+    squares = {key: shapes.T @ square @ shapes for key, square in [("M", mass), ("C", damping), ("K", stiffness)]}
+    return matrices | squares | {"inputs": shapes.T @ force, "outputs": outputs @ shapes, "ports": shapes.T @ ports}
 
 
 def state_space(matrices, rate, kind):
@@ -144,6 +161,7 @@ def main():
     parser.add_argument("--urdf", metavar="URDF", help="a robot in place of the matrices, with a motor at each joint")
     parser.add_argument("--rate", type=float, required=True, help="sample rate of the records in Hz")
     parser.add_argument("--kind", choices=["position", "velocity", "acceleration"], required=True)
+    parser.add_argument("--modes", type=int, metavar="N", help="keep the N modes of lowest frequency")
     parser.add_argument("--out", required=True, metavar="FILE")
     arguments = parser.parse_args()
     given = [arguments.matrices, arguments.mujoco, arguments.urdf]
@@ -158,6 +176,8 @@ def main():
     missing = [key for key in ["M", "C", "K", "inputs", "outputs", "ports"] if key not in matrices]
     if missing:
         sys.exit(f"{arguments.matrices}: no array {', '.join(missing)}")
+    if arguments.modes is not None:
+        matrices = lowest_modes(matrices, arguments.modes)
     with open(arguments.out, "w") as file:
         json.dump(state_space(matrices, arguments.rate, arguments.kind), file, indent=1)
 

@@ -6,12 +6,13 @@
 
 `draw` writes OUT/cases/NNN with model.json (the model linearised at rest), records at two levels and one without input,
 and case.toml. The truth is the MuJoCo model itself with a cause. OUT/labels/NNN has the label and a record of which no
-diagnosis knows. `score` diagnoses the cases and compares the answers with the labels. Every other case declares no
-port. `record` writes a few short cases, OUT/NAME, and OUT/labels.json: those of tests/mujoco. Needs NumPy, SciPy and
-`mujoco`.
+diagnosis knows. The sample rate of each case, and whether its sensors measure positions or velocities, are drawn.
+`score` diagnoses the cases and compares the answers with the labels. Every other case declares no port. `record` writes
+a few short cases, OUT/NAME, and OUT/labels.json: those of tests/mujoco. Needs NumPy, SciPy and `mujoco`.
 """
 
 import argparse
+import copy
 import itertools
 import json
 import pathlib
@@ -34,14 +35,19 @@ STEPS_PER_SAMPLE = 8
 
 
 class Records(typing.NamedTuple):
-    """What is recorded of a case. `levels` are those of the commands; the last record is withheld."""
+    """What is recorded of a case. `levels` are those of the commands; the last record is withheld.
+
+    The sample rate, and the kind of all sensors, are those of the plant if None.
+    """
 
     most_samples: int
     levels: list
     digits: int
+    rate: float | None = None
+    sensor: str | None = None
 
 
-DRAWN = Records(3000, [0.4, 1.0, 1.0, 0.0, 1.0], 9)
+DRAWN = Records(6000, [0.4, 1.0, 1.0, 0.0, 1.0], 9)
 SHORT = Records(1200, [0.4, 1.0, 1.0, 1.0], 5)
 
 
@@ -66,6 +72,13 @@ class Plant:
             f"<worldbody>{self.bodies.format(**numbers)}</worldbody>"
             f"<actuator>{self.actuators.format(**numbers)}</actuator></mujoco>"
         )
+
+    def seen(self, records):
+        """The plant with the rate and the sensors of its records."""
+        plant = copy.copy(self)
+        plant.rate = records.rate or self.rate
+        plant.outputs = [(joint, records.sensor or kind) for joint, kind in self.outputs]
+        return plant
 
     def names(self):
         return [f"{kind[0]}_{joint}" for joint, kind in self.outputs]
@@ -189,7 +202,8 @@ def drawn(kind, plant, big, reach):
         case "delay":
             return Truth(["actuator-delay", "sensor-delay"], {"input:u", "output:*"}, command=delay(0.012 * big))
         case "sensor delay":
-            return Truth(["sensor-delay", "actuator-delay"], {"input:u", "output:*"}, sense=late(round(12 * big)))
+            sense = late(round(0.024 * plant.rate * big))
+            return Truth(["sensor-delay", "actuator-delay"], {"input:u", "output:*"}, sense=sense)
         case "torque lag":
             return Truth(["actuator-lag"], {"loop:u"}, torque_lag=40.0 / big)
         case "stiffening":
@@ -217,6 +231,8 @@ KINDS = [
     ("slider", "stiff friction"), ("slider", "damping"), ("servo", "torque lag"), ("arm", "backlash"),
     ("chain", "sensor delay"), ("arm", "none"), ("slider", "sensor delay"), ("slider", "sound loop"), ("servo", "none"),
 ]
+
+RATES, SENSORS = [200.0, 500.0, 1000.0], ["position", "velocity"]
 
 # The cases that `record` writes.
 RECORDED = [("slider", "friction"), ("servo", "lag"), ("pendulum", "sine"), ("motor", "none"), ("chain", "mass")]
@@ -279,7 +295,7 @@ def linearised(plant):
     ports = model.pop("ports")
     if len(ports) == 1:
         ports[0]["input"] = "u"
-    if n == 1 and plant.outputs[0][1] == "velocity":
+    if plant.outputs[0][1] == "velocity" and not np.any(matrices["K"]):
         # A motor that is seen by its speed is of first order: its position acts on nothing.
         ports = []
         for key in ["A", "B", "C"]:
@@ -300,7 +316,7 @@ def write(path, outputs, u, y, digits):
 
 def draw(out, name, plant_name, kind, with_ports, seed, records=DRAWN):
     rng = np.random.default_rng(seed)
-    plant, big = PLANTS[plant_name], rng.uniform(0.8, 1.25)
+    plant, big = PLANTS[plant_name].seen(records), rng.uniform(0.8, 1.25)
     samples = min(round(SECONDS * plant.rate), records.most_samples)
     commands = [steps(rng, samples, level * plant.level) for level in records.levels]
     alone = drawn("sound loop", plant, 1.0, {}) if "loop" in kind else Truth([])
@@ -332,6 +348,13 @@ def draw(out, name, plant_name, kind, with_ports, seed, records=DRAWN):
     found = dict(plant=plant_name, kind=kind, ports=declared, effects=truth.effects, noise=floor)
     found["places"] = sorted(truth.places)
     (label / "label.json").write_text(json.dumps(found, indent=1) + "\n")
+
+
+def sampled(kind, seed):
+    """Records of a rate and a kind of sensor that are drawn. The controller of a loop needs the position."""
+    rng = np.random.default_rng([seed, 1])
+    rate, sensor = float(rng.choice(RATES)), str(rng.choice(SENSORS))
+    return DRAWN._replace(rate=rate, sensor="position" if "loop" in kind else sensor)
 
 
 def record(out, seed):
@@ -384,7 +407,7 @@ def score(out, plid):
             )
         took = time.monotonic() - began
         answer = json.loads((answers / "diagnosis.json").read_text())
-        outputs = list(PLANTS[label["plant"]].names())
+        _, *outputs = (label_file.parent / "test_uy.csv").open().readline().strip().split(",")
         measured = columns(label_file.parent / "test_uy.csv", outputs)
         predicted = answers / "predicted.csv"
         left = gap(measured, columns(predicted, outputs)) if predicted.exists() else float("nan")
@@ -426,8 +449,8 @@ def main():
     if given.command == "record":
         return record(given.out, given.seed)
     for at, (plant, kind) in zip(range(given.cases), itertools.cycle(KINDS)):
-        with_ports = (at + at // len(KINDS)) % 2 == 0
-        draw(given.out, f"{at + 1:03}", plant, kind, with_ports, given.seed * 1000 + at)
+        with_ports, seed = (at + at // len(KINDS)) % 2 == 0, given.seed * 1000 + at
+        draw(given.out, f"{at + 1:03}", plant, kind, with_ports, seed, sampled(kind, seed))
 
 
 if __name__ == "__main__":

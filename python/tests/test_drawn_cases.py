@@ -31,7 +31,8 @@ CASES = [
 
 def test_causes_of_drawn_machines_are_named(tmp_path):
     for at, (plant, kind) in enumerate(CASES):
-        linear.draw(tmp_path, f"{at + 1:03}", plant, kind, with_ports=at % 2 == 1, seed=9000 + at)
+        records = linear.DRAWN._replace(rate=linear.RATES[at % 3])
+        linear.draw(tmp_path, f"{at + 1:03}", plant, kind, at % 2 == 1, 9000 + at, records)
     rows = linear.score(tmp_path, PROGRAM)
     caused = [row for row in rows if row[4]["effects"]]
     nothing = [row for row in rows if not row[4]["effects"]]
