@@ -23,8 +23,11 @@ pub(super) fn balance(a: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
     (balanced, scale)
 }
 
-/// Returns the eigenvalues of A in the order in which the library computes them.
-pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, ModelError> {
+/// Returns the eigenvalues of A (n x n) in the order in which the library computes them.
+///
+/// # Errors
+/// [`ModelError::Eigenvalues`] if the iteration does not converge.
+pub fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, ModelError> {
     let (balanced, _) = balance(a);
     library(&balanced).eigenvalues().map_err(|_| ModelError::Eigenvalues)
 }

@@ -32,6 +32,7 @@ mod testing;
 
 pub use advance::{advanced_state, undo_advance};
 pub use compare::{CompareOptions, Comparison, NamedModel, OutputScore, Record, Run, Start, Trial, compare};
+pub use eigen::eigenvalues;
 pub use error::{KeyProblem, ModelError};
 pub use feedback::{Wiring, close_loop};
 pub use frequency_response::{FrequencyResponse, frequency_response};

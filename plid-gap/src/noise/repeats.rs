@@ -13,6 +13,7 @@ use super::local_polynomial::unexplained;
 use crate::case::record::{Channels, Record};
 use crate::plant::Plant;
 use plid_fourier::C;
+use plid_model::eigenvalues;
 use plid_model::signal::mean;
 
 /// Largest difference between two inputs that are the same, over their largest value: the rounding of a file with five
@@ -40,8 +41,7 @@ pub(crate) fn settling(plant: &Plant) -> Option<usize> {
         return None;
     }
     let modes = plant.modes.iter().map(|mode| -mode.pole.re / plant.rate);
-    let rest = &plant.rest.a;
-    let poles = if rest.is_empty() { Vec::new() } else { rest.complex_eigenvalues().iter().copied().collect() };
+    let poles = eigenvalues(&plant.rest.a).ok()?;
     let others = poles.iter().filter(|z| (**z - 1.0).norm() > INTEGRATOR).map(|z| -z.norm().ln());
     let slowest = modes.chain(others).fold(f64::INFINITY, f64::min);
     (slowest > 0.0).then(|| (SETTLED / slowest).ceil() as usize)
