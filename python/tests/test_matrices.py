@@ -32,12 +32,19 @@ PENDULUM = """<robot name="pendulum">
 """
 
 
+def made(path, kind, *source):
+    """Calls the script. Returns how it ended, and the model if it made one."""
+    out = path / "sim.json"
+    command = [sys.executable, SCRIPT, *source, "--rate", "200", "--kind", kind, "--out", out]
+    ended = subprocess.run(command, capture_output=True, text=True)
+    return ended, json.loads(out.read_text()) if ended.returncode == 0 else None
+
+
 def test_a_robot_has_a_motor_at_each_joint(tmp_path):
-    robot, out = tmp_path / "pendulum.urdf", tmp_path / "sim.json"
+    robot = tmp_path / "pendulum.urdf"
     robot.write_text(PENDULUM)
-    command = [sys.executable, SCRIPT, "--urdf", robot, "--rate", "200", "--kind", "position", "--out", out]
-    subprocess.run(command, check=True)
-    model = json.loads(out.read_text())
+    ended, model = made(tmp_path, "position", "--urdf", robot)
+    assert ended.returncode == 0, ended.stderr
     # A file of records cannot have two columns of one name.
     assert (model["inputs"], model["outputs"]) == (["shoulder_command"], ["shoulder"])
     assert [port["name"] for port in model["ports"]] == ["shoulder"]
@@ -57,11 +64,10 @@ TABLE = """<mujoco><worldbody>
 
 
 def test_ports_of_a_mujoco_model_are_columns_of_the_inverse_mass(tmp_path):
-    source, out = tmp_path / "table.xml", tmp_path / "sim.json"
+    source = tmp_path / "table.xml"
     source.write_text(TABLE)
-    command = [sys.executable, SCRIPT, "--mujoco", source, "--rate", "200", "--kind", "velocity", "--out", out]
-    subprocess.run(command, check=True)
-    model = json.loads(out.read_text())
+    ended, model = made(tmp_path, "velocity", "--mujoco", source)
+    assert ended.returncode == 0, ended.stderr
     assert (model["inputs"], model["outputs"]) == (["force"], ["rail", "table"])
     inverse = np.linalg.inv([[3.0 + 2.0, 2.0], [2.0, 2.0]])
     np.testing.assert_allclose(np.array(model["continuous"]["B"])[2:, 0], 5 * inverse[:, 0], rtol=1e-6)
@@ -81,15 +87,8 @@ def chain(path, **arguments):
     np.savez(
         matrices, M=mass, C=0.001 * stiffness, K=stiffness, inputs=np.eye(3)[:, :1], outputs=np.eye(3), ports=port
     )
-    out = path / "sim.json"
-    command = [sys.executable, SCRIPT, matrices, "--rate", "200", "--kind", "position", "--out", out]
-    ended = subprocess.run(
-        command + [word for key, value in arguments.items() for word in (f"--{key}", str(value))],
-        capture_output=True, text=True,
-    )
-    return ended, json.loads(out.read_text()) if ended.returncode == 0 else None, np.linalg.eigvals(
-        np.linalg.solve(mass, stiffness)
-    )
+    words = [word for key, value in arguments.items() for word in (f"--{key}", str(value))]
+    return *made(path, "position", matrices, *words), np.linalg.eigvals(np.linalg.solve(mass, stiffness))
 
 
 def test_a_joint_between_two_masses_pushes_both(tmp_path):
@@ -116,6 +115,5 @@ def test_the_lowest_modes_are_kept(tmp_path):
 
 
 def test_one_source_is_needed(tmp_path):
-    command = [sys.executable, SCRIPT, "--rate", "200", "--kind", "position", "--out", tmp_path / "sim.json"]
-    ended = subprocess.run(command, capture_output=True, text=True)
+    ended, _ = made(tmp_path, "position")
     assert ended.returncode == 2 and "give one of" in ended.stderr

@@ -16,7 +16,7 @@ use crate::in_loop::runs::Runs;
 use crate::in_loop::search::Found;
 use crate::in_loop::slopes::difference;
 use crate::in_loop::stand_in::StandIn;
-use crate::judge::side::{PlaceShare, RIDGE, at_channels, at_joints};
+use crate::judge::side::{PlaceShare, RIDGE, at_channels, at_joints, shares};
 use crate::settings::JudgeSettings;
 
 /// The possible residuals of a place: whitened traces of unit norm.
@@ -57,7 +57,10 @@ pub(super) fn places<'a>(
             None => means.push(Means { side, place, traces: vec![trace] }),
         }
     }
-    shares(means, &quick.beyond_limits(&start.residual[..quick.rows()]), settings)
+    let residual = quick.beyond_limits(&start.residual[..quick.rows()]);
+    let gain = |Means { side, place, traces }: Means| (side, explained(&traces, &residual), place);
+    let gains = means.into_iter().map(gain).collect();
+    shares(gains, sum_of_squares(&residual) - residual.len() as f64, settings)
 }
 
 /// Returns the change of the outputs (p channels) by a small effect without a run of the simulator; `None` if only a
@@ -78,23 +81,6 @@ fn trace(quick: &Problem, change: &[Channels]) -> Option<Vec<f64>> {
     let trace = quick.beyond_limits(&quick.whiten(change));
     let size = sum_of_squares(&trace).sqrt();
     (size.is_finite() && size > 0.0).then(|| trace.iter().map(|x| x / size).collect())
-}
-
-/// Returns the share of a whitened residual that each place explains, less the share expected by chance.
-fn shares(means: Vec<Means>, residual: &[f64], settings: &JudgeSettings) -> Vec<PlaceShare> {
-    let gains: Vec<f64> = means.iter().map(|means| explained(&means.traces, residual)).collect();
-    let most = gains.iter().copied().fold(0.0, f64::max);
-    if most < settings.side_gain {
-        return Vec::new();
-    }
-    let whole = most.max(sum_of_squares(residual) - residual.len() as f64);
-    let share = |(Means { side, place, .. }, gain): (Means, f64)| {
-        let share = (gain / whole).max(0.0);
-        PlaceShare { side, place, share }
-    };
-    let mut shares: Vec<PlaceShare> = means.into_iter().zip(gains).map(share).collect();
-    shares.sort_by(|a, b| b.share.total_cmp(&a.share));
-    shares
 }
 
 /// Returns the reduction of a sum of squares by a linear combination of traces of unit norm, less that by chance.

@@ -71,17 +71,21 @@ pub fn places(ready: &Prepared, known: &Known, factor: f64) -> Vec<PlaceShare> {
     let Some(base) = Base::new(&problem) else { return Vec::new() };
     let settings = &problem.settings.judge;
     let means = means(&problem);
-    let gains: Vec<f64> = means.par_iter().map(|means| base.gain(means)).collect();
-    let most = gains.iter().copied().fold(0.0, f64::max);
+    let gain = |means: Means| (means.side, base.gain(&means), means.place);
+    let gains = means.into_par_iter().map(gain).collect();
+    shares(gains, base.cost - factor * problem.rows() as f64, settings)
+}
+
+/// Returns the share that each place explains, the largest first, from its gain; none if no place gains enough. The
+/// whole is the sum of squares beyond the noise.
+pub(crate) fn shares(gains: Vec<(Side, f64, String)>, whole: f64, settings: &JudgeSettings) -> Vec<PlaceShare> {
+    let most = gains.iter().map(|(_, gain, _)| *gain).fold(0.0, f64::max);
     if most < settings.side_gain {
         return Vec::new();
     }
-    let whole = most.max(base.cost - factor * problem.rows() as f64);
-    let mut shares: Vec<PlaceShare> = means
-        .into_iter()
-        .zip(gains)
-        .map(|(Means { side, place, .. }, gain)| PlaceShare { side, place, share: (gain / whole).max(0.0) })
-        .collect();
+    let whole = most.max(whole);
+    let share = |(side, gain, place)| PlaceShare { side, place, share: f64::max(gain / whole, 0.0) };
+    let mut shares: Vec<PlaceShare> = gains.into_iter().map(share).collect();
     shares.sort_by(|a, b| b.share.total_cmp(&a.share));
     shares
 }

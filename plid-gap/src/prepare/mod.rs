@@ -573,9 +573,14 @@ fn quiet_stretches(
 
 /// Returns the differences between periods, and between other repeats of an input in records without enough periods.
 fn repeated(plant: &Plant, records: &[Record], shortest: usize) -> Vec<Stretch> {
-    let periods = |record: &Record| differences(std::slice::from_ref(record), shortest);
-    let others: Vec<&Record> = records.iter().filter(|record| periods(record).is_empty()).collect();
-    let mut stretches = differences(records, shortest);
+    let (mut stretches, mut others) = (Vec::new(), Vec::new());
+    for record in records {
+        let periods = differences(record, shortest);
+        if periods.is_empty() {
+            others.push(record);
+        }
+        stretches.extend(periods);
+    }
     stretches.extend(repeats::differences(&others, repeats::settling(plant), shortest));
     stretches
 }
@@ -605,22 +610,20 @@ fn fill_from_other_periods(error: &mut [f64], period: usize) {
 }
 
 /// Returns the differences between periods. The first two periods are left out, because they contain the transient.
-fn differences(records: &[Record], shortest: usize) -> Vec<Stretch> {
-    let half = std::f64::consts::FRAC_1_SQRT_2;
-    let mut stretches = Vec::new();
-    for record in records {
-        let Excitation::Periodic(period) = record.excitation else { continue };
-        let periods = record.samples() / period;
-        for first in (periods.min(2)..periods.saturating_sub(1)).step_by(2) {
-            let at = first * period;
-            let difference: Channels =
-                record.y.iter().map(|y| (at..at + period).map(|k| (y[k + period] - y[k]) * half).collect()).collect();
-            if period >= shortest {
-                stretches.push(Stretch::new(&difference));
-            }
-        }
+fn differences(record: &Record, shortest: usize) -> Vec<Stretch> {
+    let Excitation::Periodic(period) = record.excitation else { return Vec::new() };
+    if period < shortest {
+        return Vec::new();
     }
-    stretches
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let periods = record.samples() / period;
+    let after = |first: usize| {
+        let at = first * period;
+        let difference: Channels =
+            record.y.iter().map(|y| (at..at + period).map(|k| (y[k + period] - y[k]) * half).collect()).collect();
+        Stretch::new(&difference)
+    };
+    (periods.min(2)..periods.saturating_sub(1)).step_by(2).map(after).collect()
 }
 
 /// Returns the errors of the simulation as given (p channels), one for each record.
