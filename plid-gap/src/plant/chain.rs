@@ -151,9 +151,7 @@ impl SignalChain {
 /// `repeated_pole` count as one.
 fn clusters(a: &DMatrix<f64>, repeated_pole: f64) -> Vec<(C, usize)> {
     let mut found: Vec<(C, usize)> = Vec::new();
-    let matrix = faer::Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)]);
-    for value in matrix.eigenvalues().unwrap_or_default() {
-        let value = C::new(value.re, value.im);
+    for value in plid_model::eigenvalues(a).unwrap_or_default() {
         let size = value.norm().max(1e-12);
         let value = if value.im.abs() < repeated_pole * size { C::from(value.re) } else { value };
         if value.im < 0.0 {

@@ -60,7 +60,7 @@ pub struct Spectrum {
 
 impl Spectrum {
     /// Decomposes the rest of a plant. `None` if the plant has modes and also actuators or filters, if the rest has
-    /// no continuous form, or if its poles are too close to each other to be moved one by one.
+    /// no continuous form, or if its poles cannot be computed or are too close to each other to be moved one by one.
     pub fn of(plant: &Plant) -> Option<Self> {
         let rest = plant.rest.leading();
         if rest.a.nrows() == 0 || rest.continuous.is_none() {
@@ -74,8 +74,7 @@ impl Spectrum {
                 numbers: vec![RestNumber::Contribution],
             });
         }
-        let eigenvalues = rest.a.complex_eigenvalues();
-        let upper = eigenvalues.iter().copied().filter(|z| z.im >= 0.0);
+        let upper = plid_model::eigenvalues(&rest.a).ok()?.into_iter().filter(|z| z.im >= 0.0);
         let poles = upper.map(|z| Pole::of(&rest.a, z, plant.rate)).collect::<Option<Vec<_>>>()?;
         let back = sum(&poles, |pole| (pole * (1.0 / plant.rate)).exp());
         if !((back - &rest.a).norm() < RECONSTRUCTION_TOLERANCE * rest.a.norm()) {
