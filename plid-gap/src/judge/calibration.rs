@@ -64,6 +64,9 @@ pub struct Learnt {
     /// The commit of the program that answered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commit: Option<String>,
+    /// The kinds of statements whose coefficients were fitted to it; empty for all kinds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub only: Vec<About>,
 }
 
 /// The coefficients of all kinds of statements, and the trials to which they were fitted.
@@ -103,6 +106,18 @@ impl Calibration {
             About::Nothing => &self.nothing,
             About::Unknown => &self.unknown,
             About::Remainder => &self.remainder,
+        }
+    }
+
+    /// Returns the coefficients for a kind of statement, to be changed.
+    pub fn of_mut(&mut self, about: About) -> &mut Coefficients {
+        match about {
+            About::Effect => &mut self.effect,
+            About::Explanation => &mut self.explanation,
+            About::Further => &mut self.further,
+            About::Nothing => &mut self.nothing,
+            About::Unknown => &mut self.unknown,
+            About::Remainder => &mut self.remainder,
         }
     }
 

@@ -7,7 +7,7 @@ mod separation;
 use std::path::{Path, PathBuf};
 
 use plid_gap::answer::schema::About;
-use plid_gap::calibration::{Calibration, Coefficients, Learnt};
+use plid_gap::calibration::{Calibration, Learnt};
 use serde::Serialize;
 
 use crate::error::TrialError;
@@ -63,20 +63,23 @@ pub struct Calibrated {
 }
 
 /// Fits the calibration to trials, checks it on others, and writes calibration.json, agreement.json, reliability.svg
-/// and separation.csv into `out`.
+/// and separation.csv into `out`. If `only` lists kinds of statements, the others keep the coefficients that the
+/// program uses.
 ///
 /// # Errors
 /// Returns the errors of [`crate::score()`].
-pub fn calibrate(fitted: &[Opened], checked: &[Opened], out: &Path) -> Result<Calibrated, TrialError> {
+pub fn calibrate(fitted: &[Opened], checked: &[Opened], only: &[About], out: &Path) -> Result<Calibrated, TrialError> {
     let Together { trials, outcomes: of_fitted, observed } = together(fitted)?;
     let Together { trials: checked_on, outcomes: of_checked, .. } = together(checked)?;
+    let kinds = if only.is_empty() { &About::ALL } else { only };
     let coefficients = |outcomes: &[&Outcome]| {
-        let of = |about: About| {
+        let mut calibration = if only.is_empty() { Calibration::default() } else { Calibration::used().clone() };
+        calibration.trials.extend(trials.iter().map(|trial| Learnt { only: only.to_vec(), ..trial.clone() }));
+        for &about in kinds {
             let these: Vec<&Outcome> = outcomes.iter().copied().filter(|one| one.statement.about == about).collect();
-            regression::fit(&these, basis(about))
-        };
-        let [effect, explanation, further, nothing, unknown, remainder]: [Coefficients; 6] = About::ALL.map(of);
-        Calibration { trials: trials.clone(), effect, explanation, further, nothing, unknown, remainder }
+            *calibration.of_mut(about) = regression::fit(&these, basis(about));
+        }
+        calibration
     };
     let calibration = coefficients(&of_fitted.iter().collect::<Vec<_>>());
     let mut cases: Vec<&String> = of_fitted.iter().map(|outcome| &outcome.case).collect();

@@ -79,7 +79,7 @@ pub(crate) fn outcomes(trial: &Path, sealed: &Path) -> Result<Answers, TrialErro
         }
     }
     let commit = program.and_then(|program| program.commit);
-    let learnt = Learnt { name: seal.config.name, seed: seal.seed, cases: given.len(), commit };
+    let learnt = Learnt { name: seal.config.name, seed: seal.seed, cases: given.len(), commit, only: Vec::new() };
     Ok(Answers { learnt, outcomes, observed })
 }
 

@@ -6,13 +6,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use plid_gap::Step;
+use plid_gap::answer::schema::About;
 use plid_gap::calibration::Calibration;
 use plid_gap::effects::Library;
 use plid_trial::ablation::diagnose_without_with;
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{
-    Answer, Extent, Opened, Options, Shard, TrialConfig, TrialError, calibrate, diagnose_with, draw, merge, score,
-    score_without,
+    Answer, Calibrated, Extent, Opened, Options, Shard, TrialConfig, TrialError, calibrate, diagnose_with, draw, merge,
+    score, score_without,
 };
 use plid_work::{Progress, Silent};
 use tempfile::TempDir;
@@ -489,7 +490,7 @@ fn a_calibration_is_learnt_from_one_trial_and_checked_on_another() {
     trials.iter().for_each(|trial| trial.diagnose(None, 1));
     let opened = |trial: &Trial| vec![Opened { trial: trial.t(), sealed: trial.s() }];
     let out = trials[0].directory.path().join("calibration");
-    let calibrated = calibrate(&opened(&trials[0]), &opened(&trials[1]), &out).unwrap();
+    let calibrated = calibrate(&opened(&trials[0]), &opened(&trials[1]), &[], &out).unwrap();
 
     let written: Calibration = serde_json::from_value(read(&out.join("calibration.json"))).unwrap();
     assert_eq!(written, calibrated.calibration);
@@ -508,4 +509,18 @@ fn a_calibration_is_learnt_from_one_trial_and_checked_on_another() {
     assert!(fs::read_to_string(out.join("reliability.svg")).unwrap().contains("after calibration"));
     // The answers are fixed before the seals are opened.
     assert!(trials[1].s().join("answers.json").exists());
+
+    // Only the coefficients of the remainder change, and only they are ascribed to this trial.
+    let Calibrated { calibration: of_remainder, .. } =
+        calibrate(&opened(&trials[0]), &[], &[About::Remainder], &out).unwrap();
+    let used = Calibration::used();
+    assert_eq!(of_remainder.remainder, calibrated.calibration.remainder);
+    assert_ne!(of_remainder.remainder, used.remainder);
+    assert_eq!(
+        Calibration { remainder: used.remainder.clone(), trials: used.trials.clone(), ..of_remainder.clone() },
+        *used
+    );
+    let last = of_remainder.trials.last().unwrap();
+    assert_eq!((of_remainder.trials.len(), last.seed), (used.trials.len() + 1, 11));
+    assert_eq!(last.only, [About::Remainder]);
 }

@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use plid_gap::answer::schema::About;
 use plid_trial::calibrate::{Agreement, Figures};
 use plid_trial::{Calibrated, Opened, calibrate};
 
@@ -26,9 +27,19 @@ pub struct Arguments {
     /// A trial and its sealed folder on which the calibration is checked.
     #[arg(long, num_args = 2, value_names = ["T", "S"])]
     check: Vec<PathBuf>,
+    /// Kinds of statements to fit, separated by commas; the others keep the coefficients of this program. One or more of
+    /// effect, explanation, further, nothing, unknown, remainder.
+    #[arg(long, value_name = "KINDS", value_delimiter = ',', value_parser = kind)]
+    only: Vec<About>,
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+}
+
+/// Reads the name of a kind of statement.
+fn kind(name: &str) -> Result<About, String> {
+    let names = || About::ALL.map(About::name).join(", ");
+    About::ALL.into_iter().find(|about| about.name() == name).ok_or_else(|| format!("one of {}", names()))
 }
 
 /// Runs the command.
@@ -36,7 +47,7 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     let pairs = |paths: &[PathBuf]| -> Vec<Opened> {
         paths.chunks_exact(2).map(|pair| Opened { trial: pair[0].clone(), sealed: pair[1].clone() }).collect()
     };
-    let calibrated = calibrate(&pairs(&arguments.fit), &pairs(&arguments.check), &arguments.out)?;
+    let calibrated = calibrate(&pairs(&arguments.fit), &pairs(&arguments.check), &arguments.only, &arguments.out)?;
     if voice.json {
         return voice::print(&format!("{:#}\n", serde_json::json!(calibrated)));
     }
