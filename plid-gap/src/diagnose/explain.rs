@@ -1,5 +1,5 @@
 //! The search for the effects that explain the gap, and the judgement of whether they suffice. These are the steps
-//! from "Noise" to "Is it enough?" in the book's section "How it works".
+//! from "Noise" to "Is it enough?" in the book's chapter "How the diagnosis works".
 
 use std::cell::OnceCell;
 

@@ -1,5 +1,5 @@
 //! Simulations and located gaps of plid-gap, compared with results that share no code with it; the order of its
-//! modules, and the chapter of its settings.
+//! modules, and the chapters of its settings and its effects.
 
 mod carried;
 mod forward;
@@ -9,4 +9,5 @@ mod settings;
 #[path = "../../src/testing/truss.rs"]
 mod truss;
 mod truth;
+mod vocabulary;
 mod where_maps;
