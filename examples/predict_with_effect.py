@@ -248,6 +248,8 @@ FORCES = {
     "free-stiffness": lambda d, v, z, p: -p["size"] * bend(d / p["unit"], p["s"]),
     "free-damping": lambda d, v, z, p: -p["size"] * free_rate(v / p["unit"], p["s"]),
 }
+# What the linear model includes if it is in a loop.
+IN_LOOP = ["actuator-gain", "actuator-crosstalk", "sensor-gain", "sensor-crosstalk"]
 # Stiffness and damper of the steepest part of a law, which takes steps of its own.
 STEEPEST = {"backlash": lambda p: (p["k"], 0.0), "end-stop": lambda p: (p["k"], p["c"]),
             "one-sided-stop": lambda p: (p["k"], p["c"])}
@@ -383,6 +385,8 @@ def simulate(file, u, t0):
             p = {"s": float(held), **p, **sliders(p)}
         if effect["location"].startswith("loop:"):
             loads.append(name)
+            continue
+        if loop and name in IN_LOOP:
             continue
         several = SEVERAL[name](p) if name in SEVERAL else [(name, p)]
         effects.extend((name, effect["location"], p) for name, p in several)

@@ -1,6 +1,6 @@
-//! The effects that are excluded from a case in closed loop: those on a command or on a measurement. They act between
-//! the plant and its controller at each sample, whereas a simulation applies them to a whole record before or after
-//! the plant.
+//! The effects that are excluded from a case in closed loop: those on a command or on a measurement that cannot act
+//! between the plant and its controller ([`Effect::acts_in_loop`]). A simulation applies them to a whole record before
+//! or after the plant.
 
 use plid_model::Model;
 
@@ -36,7 +36,7 @@ pub fn leave_out(
     Ok(finding)
 }
 
-/// Returns the effects of the library that act on commands or measurements and change a free run.
+/// Returns the effects of the library that act on commands or measurements, change a free run and cannot act in a loop.
 fn outside(model: &Model, library: &Library, without: &[String], config: &CaseConfig) -> Result<Vec<String>, GapError> {
     let setting = Setting::bare(&Plant::with_settings(model, &config.settings.plant)?, model);
     let is_channel = |place: &Place| matches!(place, Place::Input(_) | Place::AllInputs | Place::Output(_));
@@ -46,7 +46,10 @@ fn outside(model: &Model, library: &Library, without: &[String], config: &CaseCo
         Side::Structure | Side::Disturbance => false,
     };
     let left_out = |effect: &&dyn Effect| {
-        !effect.is_stochastic() && acts_outside(*effect) && !without.iter().any(|name| name == effect.name())
+        !effect.is_stochastic()
+            && !effect.acts_in_loop()
+            && acts_outside(*effect)
+            && !without.iter().any(|name| name == effect.name())
     };
     Ok(library.effects().filter(left_out).map(|effect| effect.name().to_string()).collect())
 }
@@ -61,12 +64,13 @@ mod tests {
         let config = CaseConfig::new(1.0, Vec::new(), Vec::new());
         let found = outside(&truss(1), &Library::standard(), &[], &config).unwrap();
         let has = |name: &str| found.iter().any(|other| other == name);
-        for name in
-            ["actuator-lag", "actuator-gain-drift", "actuator-crosstalk", "sensor-delay", "sensor-drift", "mains-hum"]
-        {
+        for name in ["actuator-lag", "actuator-gain-drift", "sensor-delay", "sensor-drift", "mains-hum"] {
             assert!(has(name), "{name}");
         }
         for name in ["stick-friction", "added-mass", "modal-frequency", "stiffness-drift", "narrowband-disturbance"] {
+            assert!(!has(name), "{name}");
+        }
+        for name in ["actuator-gain", "actuator-crosstalk", "sensor-gain", "sensor-crosstalk"] {
             assert!(!has(name), "{name}");
         }
         assert!(!has("sensor-noise"));

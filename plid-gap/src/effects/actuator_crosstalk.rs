@@ -1,4 +1,4 @@
-use super::{Action, Change, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side, mix};
 
 /// A command that also reaches another actuator.
 pub struct ActuatorCrosstalk;
@@ -46,23 +46,12 @@ impl Effect for ActuatorCrosstalk {
         true
     }
 
-    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
-        let Place::InputToInput(i, j) = *place else { return Vec::new() };
-        vec![Action::Command(Box::new(Crosstalk { i, j, c: parameters[0] }))]
+    fn acts_in_loop(&self) -> bool {
+        true
     }
-}
 
-struct Crosstalk {
-    i: usize,
-    j: usize,
-    c: f64,
-}
-
-impl Command for Crosstalk {
-    fn apply(&self, drive: &mut Drive) {
-        let from = drive.u[self.i].clone();
-        for (u, from) in drive.u[self.j].iter_mut().zip(from) {
-            *u += self.c * from;
-        }
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::InputToInput(i, j) = *place else { return Vec::new() };
+        mix::commands(setting, [i, j], parameters[0])
     }
 }

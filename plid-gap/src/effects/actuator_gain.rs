@@ -1,4 +1,4 @@
-use super::{Action, Change, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side, mix};
 
 /// An actuator that is stronger or weaker than in the simulation.
 pub struct ActuatorGain;
@@ -45,21 +45,12 @@ impl Effect for ActuatorGain {
         true
     }
 
-    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
-        let Place::Input(i) = *place else { return Vec::new() };
-        vec![Action::Command(Box::new(Gain { i, g: parameters[0] }))]
+    fn acts_in_loop(&self) -> bool {
+        true
     }
-}
 
-struct Gain {
-    i: usize,
-    g: f64,
-}
-
-impl Command for Gain {
-    fn apply(&self, drive: &mut Drive) {
-        for u in &mut drive.u[self.i] {
-            *u *= self.g;
-        }
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::Input(i) = *place else { return Vec::new() };
+        mix::commands(setting, [i, i], parameters[0] - 1.0)
     }
 }

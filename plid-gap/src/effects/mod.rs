@@ -34,6 +34,7 @@ mod joint_hysteresis;
 mod library;
 mod mains_hum;
 mod missing_mode;
+mod mix;
 mod modal_damping;
 mod modal_frequency;
 mod narrowband_disturbance;
@@ -263,6 +264,12 @@ pub trait Effect: Send + Sync {
     /// effect behind the changes of the linear parameters.
     fn is_number(&self) -> bool {
         self.is_in_refit()
+    }
+
+    /// Returns whether it can act between a plant and its controller. In closed loop, its action must then be a change
+    /// of the plant, because a simulation applies changes of commands and outputs to whole records.
+    fn acts_in_loop(&self) -> bool {
+        false
     }
 
     /// Returns whether it is a contact with a body at rest. The motion after a contact depends on when the contact

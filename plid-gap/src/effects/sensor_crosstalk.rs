@@ -1,4 +1,4 @@
-use super::{Action, Change, Effect, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side, mix};
 
 /// A signal that also reaches another channel.
 pub struct SensorCrosstalk;
@@ -46,23 +46,12 @@ impl Effect for SensorCrosstalk {
         true
     }
 
-    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
-        let Place::OutputToOutput(i, j) = *place else { return Vec::new() };
-        vec![Action::Sensor(Box::new(Crosstalk { i, j, c: parameters[0] }))]
+    fn acts_in_loop(&self) -> bool {
+        true
     }
-}
 
-struct Crosstalk {
-    i: usize,
-    j: usize,
-    c: f64,
-}
-
-impl Sensor for Crosstalk {
-    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
-        let from = y[self.i].clone();
-        for (y, from) in y[self.j].iter_mut().zip(from) {
-            *y += self.c * from;
-        }
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::OutputToOutput(i, j) = *place else { return Vec::new() };
+        mix::outputs(setting, [i, j], parameters[0])
     }
 }

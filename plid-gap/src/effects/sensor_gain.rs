@@ -1,4 +1,4 @@
-use super::{Action, Change, Effect, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side, mix};
 
 /// A sensor with a calibration error.
 pub struct SensorGain;
@@ -45,21 +45,12 @@ impl Effect for SensorGain {
         true
     }
 
-    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
-        let Place::Output(o) = *place else { return Vec::new() };
-        vec![Action::Sensor(Box::new(Gain { o, g: parameters[0] }))]
+    fn acts_in_loop(&self) -> bool {
+        true
     }
-}
 
-struct Gain {
-    o: usize,
-    g: f64,
-}
-
-impl Sensor for Gain {
-    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
-        for y in &mut y[self.o] {
-            *y *= self.g;
-        }
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::Output(o) = *place else { return Vec::new() };
+        mix::outputs(setting, [o, o], parameters[0] - 1.0)
     }
 }

@@ -6,6 +6,7 @@
 
 mod axis;
 mod chain;
+mod channels;
 mod declared;
 mod drive;
 mod feedback;

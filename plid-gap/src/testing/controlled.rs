@@ -10,7 +10,9 @@ use tempfile::TempDir;
 use crate::answer::schema::Diagnosis;
 use crate::case::Case;
 use crate::case::record::{Channels, rms};
-use crate::effects::{Action, CoulombFriction, CubicStiffness, Effect, Library, Place, Setting};
+use crate::effects::{
+    Action, ActuatorGain, CoulombFriction, CubicStiffness, Effect, Library, Place, SensorGain, Setting,
+};
 use crate::error::GapError;
 use crate::judge::verdict::Verdict;
 use crate::plant::Plant;
@@ -197,6 +199,45 @@ fn forces_within_a_loop_agree_with_small_steps() {
     }
 }
 
+/// A gain inside the loop is a change of the plant. In the truth, the command is multiplied before the axis, or the
+/// displacement is measured with a factor.
+#[test]
+fn gains_within_a_loop_agree_with_small_steps() {
+    let r = reference(7, 0.02);
+    for (axis, gains) in [(SLIDER, GENTLE), (PENDULUM, FIRM)] {
+        let (plant, setting) = closed(axis, gains);
+        let v = plant.controller.as_ref().unwrap().driven_by(std::slice::from_ref(&r));
+        let exact = smooth(axis, |_, _| 0.0);
+        let weak = |x: [f64; 2], u: f64| exact(x, 0.8 * u);
+        let large = |x: [f64; 2], u: f64| exact(x.map(|x| x / 1.2), u).map(|x| 1.2 * x);
+        let cases: [(&dyn Effect, Place, f64, Advance); 2] =
+            [(&ActuatorGain, Place::Input(0), 0.8, &weak), (&SensorGain, Place::Output(0), 1.2, &large)];
+        for (effect, place, gain, advance) in cases {
+            let found = simulate(&plant, &effect.act(&setting, &place, &[gain]), &v, 0.0, None, Fineness::FINE);
+            let [expected, _] = run(gains, advance, &r, &vec![0.0; SAMPLES]);
+            let far = rms(found[0].iter().zip(&expected).map(|(a, b)| a - b)) / rms(&expected);
+            assert!(far < 1e-7, "{} k {}: {far}", effect.name(), axis.k);
+        }
+    }
+}
+
+/// With one input and one output, a sensor with the same factor would make the same records.
+#[test]
+fn a_weak_actuator_is_named_under_control() {
+    for (axis, gains, given) in [(SLIDER, GENTLE, Given::References), (PENDULUM, FIRM, Given::Commands)] {
+        let exact = smooth(axis, |_, _| 0.0);
+        let weak = |x: [f64; 2], u: f64| exact(x, 0.8 * u);
+        let found = diagnosed_in(&written(&axis.simulation(), gains, &weak, 2e-5, given));
+        assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
+        let first = &found.effects[0];
+        let places = [("actuator-gain", "input:u1"), ("sensor-gain", "output:y1")];
+        assert!(places.contains(&(first.effect.as_str(), first.location.as_str())), "{given:?}: {}", found.sentence);
+        let value = first.parameters["g"].value;
+        assert!((value / 0.8 - 1.0).abs() < 0.02, "{given:?}: {value}: {}", found.sentence);
+        assert_eq!(found.effects.len(), 1, "{given:?}: {}", found.sentence);
+    }
+}
+
 /// Friction that sticks, other forces at its location, and effects of the actuator.
 const RIVALS: [&str; 8] = [
     "stick-friction",
@@ -230,14 +271,15 @@ fn friction_that_sticks_is_named_on_a_slider_under_control() {
     }
 }
 
-/// Effects on the command act inside the loop. They are not tried, and the answer says so by name.
+/// Apart from gains and cross-talk, effects on the command act inside the loop, sample by sample. They are not tried, and
+/// the answer says so by name.
 #[test]
-fn effects_on_the_command_are_said_not_to_be_tried() {
+fn other_effects_on_the_command_are_said_not_to_be_tried() {
     let exact = smooth(SLIDER, |_, _| 0.0);
     let case = read(written(&SLIDER.simulation(), GENTLE, &exact, 1e-5, Given::References).path()).unwrap();
     let audit = crate::audit::audit(&case, &Library::standard(), &[], &mut |_| {}).unwrap();
     let said = audit.case.warnings.iter().find(|words| words.starts_with("Not considered")).unwrap();
-    for kind in ["gain", "lag", "delay", "saturation", "dead-zone"] {
+    for kind in ["lag", "delay", "saturation", "dead-zone", "gain-drift"] {
         let name = format!("actuator-{kind}");
         assert!(said.contains(&name) && audit.case.config.exclude.contains(&name), "{name}: {said}");
     }
