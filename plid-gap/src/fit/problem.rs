@@ -141,12 +141,18 @@ impl Problem {
         self.nuisance.of_simulation() <= self.settings.search.few_parameters
     }
 
-    /// Returns whether an effect loads the plant and the linear parameters are few enough for the derivatives of the
-    /// simulation with its effects. A load and the poles that it moves look alike, so derivatives without the load
-    /// are misleading.
+    /// Returns whether an effect loads the plant, or changes it inside a loop, and the linear parameters are few enough
+    /// for the derivatives of the simulation with its effects. Such a change and the poles that it moves look alike,
+    /// so derivatives without it are misleading.
     pub fn is_loaded(&self, effects: &[Placed]) -> bool {
         let few = self.nuisance.of_simulation() <= self.settings.search.strong_parameters;
-        few && self.actions(effects).iter().any(|action| matches!(action, Action::Load(..)))
+        let closed = self.plant.controller.is_some();
+        let loads = |action: &Action| match action {
+            Action::Load(..) => true,
+            Action::Plant(_) => closed,
+            _ => false,
+        };
+        few && self.actions(effects).iter().any(loads)
     }
 
     /// Simulates the free run of one record.

@@ -221,20 +221,21 @@ fn gains_within_a_loop_agree_with_small_steps() {
     }
 }
 
-/// With one input and one output, a sensor with the same factor would make the same records.
+/// A weak actuator makes a slider respond like one with more mass and more damping. It is the simpler explanation. With
+/// one input and one output, a sensor with the same factor would make the same records.
 #[test]
 fn a_weak_actuator_is_named_under_control() {
-    for (axis, gains, given) in [(SLIDER, GENTLE, Given::References), (PENDULUM, FIRM, Given::Commands)] {
-        let exact = smooth(axis, |_, _| 0.0);
-        let weak = |x: [f64; 2], u: f64| exact(x, 0.8 * u);
-        let found = diagnosed_in(&written(&axis.simulation(), gains, &weak, 2e-5, given));
+    let exact = smooth(SLIDER, |_, _| 0.0);
+    let weak = |x: [f64; 2], u: f64| exact(x, 0.8 * u);
+    for given in [Given::References, Given::Commands] {
+        let found = diagnosed_in(&written(&SLIDER.simulation(), GENTLE, &weak, 2e-5, given));
         assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
-        let first = &found.effects[0];
-        let places = [("actuator-gain", "input:u1"), ("sensor-gain", "output:y1")];
-        assert!(places.contains(&(first.effect.as_str(), first.location.as_str())), "{given:?}: {}", found.sentence);
+        let first = first_is(&found, "actuator-gain", "input:u1");
+        assert_eq!(found.effects.len(), 1, "{given:?}: {}", found.sentence);
         let value = first.parameters["g"].value;
         assert!((value / 0.8 - 1.0).abs() < 0.02, "{given:?}: {value}: {}", found.sentence);
-        assert_eq!(found.effects.len(), 1, "{given:?}: {}", found.sentence);
+        let same = found.not_separable.iter().flatten().any(|words| words.contains("sensor-gain"));
+        assert!(same, "{given:?}: {}", found.sentence);
     }
 }
 

@@ -6,7 +6,7 @@ mod separation;
 
 use std::path::{Path, PathBuf};
 
-use plid_gap::answer::schema::About;
+pub use plid_gap::answer::schema::About;
 use plid_gap::calibration::{Calibration, Learnt};
 use serde::Serialize;
 

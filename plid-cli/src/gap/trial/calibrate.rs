@@ -1,7 +1,6 @@
 use std::path::PathBuf;
 
-use plid_gap::answer::schema::About;
-use plid_trial::calibrate::{Agreement, Figures};
+use plid_trial::calibrate::{About, Agreement, Figures};
 use plid_trial::{Calibrated, Opened, calibrate};
 
 use super::{Failure, Voice, voice};
