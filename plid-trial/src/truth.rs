@@ -60,6 +60,12 @@ impl Truth {
         self.main().is_some_and(|main| main.effect == effect && main.is_at(location))
     }
 
+    /// Returns whether an effect of this name is at work at this place, as a cause or as an imperfection.
+    pub fn acts(&self, effect: &str, location: &str) -> bool {
+        self.at_work().any(|cause| cause.effect == effect && cause.is_at(location))
+            || self.has_background(effect, location)
+    }
+
     /// Returns whether a cause that is not named makes more than a material gap alone. Imperfections count, but not the
     /// errors of the simulation's own parameters, whose gaps no label states. `None` if the truth has imperfections
     /// that the label does not list.
@@ -137,6 +143,24 @@ mod tests {
         for (truth, said) in no {
             assert!(!truth.is_at(said), "{truth:?} at {said}");
         }
+    }
+
+    #[test]
+    fn an_imperfection_acts_and_is_no_main_cause() {
+        let truth = Truth {
+            effects: vec![effect("sensor-gain", 0, &[1.1])],
+            gap_sim: 0.1,
+            gap_floor: 0.01,
+            gap_background: Some(0.03),
+            background_effects: vec![effect("clearance", 1, &[0.1, 1.0])],
+            more: BTreeMap::new(),
+        };
+        let both = |effect, location| [truth.acts(effect, location), truth.is_main(effect, location)];
+        assert_eq!(both("sensor-gain", "output:y1"), [true, true]);
+        assert_eq!(both("clearance", "input:u2"), [true, false]);
+        assert_eq!(both("clearance", "input:u1"), [false, false]);
+        let nothing = Truth { effects: vec![effect("none", 0, &[])], background_effects: Vec::new(), ..truth };
+        assert!(!nothing.acts("none", "anything"));
     }
 
     #[test]

@@ -93,7 +93,7 @@ fn of_statistics(stated: &Stated, trial: String, case: &str, truth: &Truth) -> O
         before: values.remove(CONFIDENCE)?,
         basis: stated.statements.first()?.basis.clone(),
         values,
-        right: truth.is_main(effect, location),
+        right: truth.acts(effect, location),
     })
 }
 

@@ -1,7 +1,7 @@
 //! The ablation of statistics: which of those that answers record separates right causes from wrong ones best.
 //!
-//! The question is whether the first effect of an answer is the main cause, at its place. If the verdict is "unknown",
-//! it is the first effect of the explanation that comes nearest. Each statistic predicts the outcome by a logistic
+//! The question is whether the first effect of an answer is at work, at its place. If the verdict is "unknown", it is
+//! the first effect of the explanation that comes nearest. Each statistic predicts the outcome by a logistic
 //! regression, alone and beside the present basis of the probability, and all figures are cross-validated. The tails
 //! of the statistics differ by orders of magnitude, so each enters by its rank among the answers that are fitted.
 
@@ -35,7 +35,7 @@ pub struct Observed {
     pub basis: BTreeMap<String, f64>,
     /// The statistics.
     pub values: BTreeMap<String, f64>,
-    /// Whether the first effect is the main cause, at its place.
+    /// Whether the first effect is at work, at its place.
     pub right: bool,
 }
 
