@@ -272,8 +272,8 @@ fn friction_that_sticks_is_named_on_a_slider_under_control() {
     }
 }
 
-/// Apart from gains and cross-talk, effects on the command act inside the loop, sample by sample. They are not tried, and
-/// the answer says so by name.
+/// Apart from gains and cross-talk, effects on the command are not tried, because they act inside the loop, sample by
+/// sample. The answer says so by name.
 #[test]
 fn other_effects_on_the_command_are_said_not_to_be_tried() {
     let exact = smooth(SLIDER, |_, _| 0.0);

@@ -26,8 +26,8 @@ pub struct Arguments {
     /// A trial and its sealed folder on which the calibration is checked.
     #[arg(long, num_args = 2, value_names = ["T", "S"])]
     check: Vec<PathBuf>,
-    /// Kinds of statements to fit, separated by commas; the others keep the coefficients of this program. One or more of
-    /// effect, explanation, further, nothing, unknown, remainder.
+    /// Kinds of statements to fit, separated by commas; the others keep the coefficients of this program. One or more
+    /// of effect, explanation, further, nothing, unknown, remainder.
     #[arg(long, value_name = "KINDS", value_delimiter = ',', value_parser = kind)]
     only: Vec<About>,
     /// Folder for the results.
