@@ -98,6 +98,7 @@ impl Bench {
         let loop_of_both = plid_model::close_loop(&self.model, &law).unwrap();
         assert!(plid_model::stability(&loop_of_both).unwrap().unstable.is_empty());
         self.plant.close(Arc::new(Controller::new(&self.model, law).unwrap()));
+        self.setting.plant = self.plant.clone();
         self
     }
 
@@ -372,6 +373,10 @@ impl Benches {
             cases.push((bench, vec![force("added-damping"), force("coulomb-friction")]));
             cases.push((bench, vec![(free("free-stiffness-course"), Place::Structure)]));
             cases.push((bench, vec![(get("narrowband-disturbance"), Place::Frequency(133.0, 1))]));
+            cases.push((bench, vec![(get("actuator-gain"), Place::Input(0)), (get("sensor-gain"), Place::Output(0))]));
+            let sent = (get("actuator-crosstalk"), Place::InputToInput(0, 1));
+            let read = (get("sensor-crosstalk"), Place::OutputToOutput(1, 0));
+            cases.push((bench, vec![sent, read, force("cubic-stiffness")]));
         }
         let many = vec![
             (get("actuator-lag"), Place::Input(0)),
