@@ -248,7 +248,7 @@ FORCES = {
     "free-stiffness": lambda d, v, z, p: -p["size"] * bend(d / p["unit"], p["s"]),
     "free-damping": lambda d, v, z, p: -p["size"] * free_rate(v / p["unit"], p["s"]),
 }
-# What the linear model includes if it is in a loop.
+# In closed loop, `linear_with_modal_effects` already includes these.
 IN_LOOP = ["actuator-gain", "actuator-crosstalk", "sensor-gain", "sensor-crosstalk"]
 # Stiffness and damper of the steepest part of a law, which takes steps of its own.
 STEEPEST = {"backlash": lambda p: (p["k"], 0.0), "end-stop": lambda p: (p["k"], p["c"]),

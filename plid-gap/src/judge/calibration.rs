@@ -109,7 +109,7 @@ impl Calibration {
         }
     }
 
-    /// Returns the coefficients for a kind of statement, to be changed.
+    /// Returns a mutable reference to the coefficients for a kind of statement.
     pub fn of_mut(&mut self, about: About) -> &mut Coefficients {
         match about {
             About::Effect => &mut self.effect,

@@ -4,6 +4,7 @@ use plid_trial::calibrate::{About, Agreement, Figures};
 use plid_trial::{Calibrated, Opened, calibrate};
 
 use super::{Failure, Voice, voice};
+use crate::identify::parse;
 
 /// Fit the calibration of stated probabilities to trials, and check it on others.
 ///
@@ -28,17 +29,11 @@ pub struct Arguments {
     check: Vec<PathBuf>,
     /// Kinds of statements to fit, separated by commas; the others keep the coefficients of this program. One or more
     /// of effect, explanation, further, nothing, unknown, remainder.
-    #[arg(long, value_name = "KINDS", value_delimiter = ',', value_parser = kind)]
+    #[arg(long, value_name = "KINDS", value_delimiter = ',', value_parser = parse::<About>)]
     only: Vec<About>,
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-}
-
-/// Reads the name of a kind of statement.
-fn kind(name: &str) -> Result<About, String> {
-    let names = || About::ALL.map(About::name).join(", ");
-    About::ALL.into_iter().find(|about| about.name() == name).ok_or_else(|| format!("one of {}", names()))
 }
 
 /// Runs the command.
