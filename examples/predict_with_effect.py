@@ -97,21 +97,23 @@ def course(t, s):
 # Effects on a channel: the new signal x, with parameters p, at times t (s), with h from one value to the next (s).
 # A command is held over h. What acts between samples gives the mean over h: while h is short compared with the periods
 # of the structure, the structure responds to both in the same way. PARTS says into how many parts a sample is divided
-# for that.
+# for that. In closed loop, a signal is passed one sample at a time, and p["memory"] keeps what the next sample needs.
 
 def actuator_hysteresis(x, p, t, h):
-    out, z, before = np.empty_like(x), 0.0, 0.0
+    out, (z, before) = np.empty_like(x), p["memory"].get("last", (0.0, 0.0))
     for k, now in enumerate(x):
         z = slip(z, now - before, p["alpha"], p["uy"])
         out[k], before = now - z, now
+    p["memory"]["last"] = z, before
     return out
 
 
 def free_hysteresis(x, p, t, h):
-    out, z, before = np.empty_like(x), [0.0] * len(YIELDS), 0.0
+    out, (z, before) = np.empty_like(x), p["memory"].get("last", ([0.0] * len(YIELDS), 0.0))
     for k, now in enumerate(x):
         z = [slip(z, now - before, 1.0, share * p["unit"]) for z, share in zip(z, YIELDS)]
         out[k], before = now - sum(s * z for s, z in zip(p["s"], z)), now
+    p["memory"]["last"] = z, before
     return out
 
 
@@ -121,18 +123,25 @@ def free_curve(x, p, t, h):
 
 def free_path(x, p, back):
     """With values that are so many samples earlier, or later: zero before the record, behind it the last value."""
-    at = [np.arange(len(x)) - j for j in back]
-    other = [np.where(k < 0, 0.0, x[np.clip(k, 0, len(x) - 1)]) for k in at]
+    reach = max(back)
+    whole = np.concatenate([p["memory"].get("past", np.zeros(reach)), x])
+    p["memory"]["past"] = whole[len(x):]
+    other = [whole[np.minimum(np.arange(len(x)) + reach - j, len(whole) - 1)] for j in back]
     return x + sum(s * (then - x) for s, then in zip(p["s"], other))
 
 
+def delayed(x, steps, memory):
+    """Delayed by any number of steps: a step between two edges has Lagrange's weights on six edges, whose moments are
+    right up to the fifth."""
+    first = max(0, int(steps) - 2)
+    weights = [np.prod([(steps - first - i) / (j - i) for i in range(6) if i != j]) for j in range(6)]
+    whole = np.concatenate([memory.get("past", np.zeros(first + 5)), x])
+    memory["past"] = whole[len(x):]
+    return sum(weight * whole[5 - j:len(x) + 5 - j] for j, weight in enumerate(weights))
+
+
 def actuator_delay(x, p, t, h):
-    parts = p["tau"] * p["parts"]
-    first = max(0, int(parts) - 2)
-    # A step between two edges of the parts has Lagrange's weights on six edges: its moments are right up to the fifth.
-    weights = [np.prod([(parts - first - i) / (j - i) for i in range(6) if i != j]) for j in range(6)]
-    padded = np.concatenate([np.zeros(first + 5), x])
-    return sum(weight * padded[5 - j:len(x) + 5 - j] for j, weight in enumerate(weights))
+    return delayed(x, p["tau"] * p["parts"], p["memory"])
 
 
 def actuator_lag(x, p, t, h):
@@ -141,15 +150,16 @@ def actuator_lag(x, p, t, h):
     decay = math.exp(-TAU * p["fp"] * h)
     mean = -math.expm1(-TAU * p["fp"] * h) / (TAU * p["fp"] * h)
     direct = p["fp"] / p["pole"] if "pole" in p else 0.0
-    out, lagged = np.empty_like(x), 0.0
+    out, lagged = np.empty_like(x), p["memory"].get("last", 0.0)
     for k, now in enumerate(x):
         out[k] = direct * now + (1 - direct) * (now + (lagged - now) * mean)
         lagged = now + (lagged - now) * decay
+    p["memory"]["last"] = lagged
     return out
 
 
 def actuator_slew_limit(x, p, t, h):
-    out, most, at = np.empty_like(x), p["R"] * h, 0.0
+    out, most, at = np.empty_like(x), p["R"] * h, p["memory"].get("last", 0.0)
     for k, now in enumerate(x):
         far = now - at
         if abs(far) <= most:  # it arrives within h, and stays for what is left
@@ -157,17 +167,21 @@ def actuator_slew_limit(x, p, t, h):
         else:
             start, at = at, at + math.copysign(most, far)
             out[k] = 0.5 * (start + at)
+    p["memory"]["last"] = at
     return out
 
 
 def sensor_lag(x, p, t, h):
-    out, keep, lagged = np.empty_like(x), math.exp(-TAU * p["fc"] * h), 0.0
+    out, keep, lagged = np.empty_like(x), math.exp(-TAU * p["fc"] * h), p["memory"].get("last", 0.0)
     for k, now in enumerate(x):
         out[k] = lagged = keep * lagged + (1 - keep) * now
+    p["memory"]["last"] = lagged
     return out
 
 
 def sensor_delay(x, p, t, h):
+    if p["in_loop"]:  # A controller reads it, so it depends on earlier samples alone.
+        return delayed(x, p["tau"], p["memory"])
     # Of linear phase over the whole band. Behind the record stands its point reflection about the last sample, which
     # fades to zero within 64 samples, so that the record does not end with a jump. The length has no prime factors
     # above 5, as plid has it; it shows a little at both ends.
@@ -224,7 +238,7 @@ SENSORS = {
     "sensor-lag": sensor_lag,
     "sensor-delay": sensor_delay,
     "free-sensor": free_curve,
-    "free-sensor-path": lambda x, p, t, h: free_path(x, p, (-1, 1, 2, 3)),
+    "free-sensor-path": lambda x, p, t, h: free_path(x, p, (1, 2, 3, 4) if p["in_loop"] else (-1, 1, 2, 3)),
     "free-zero-course": lambda x, p, t, h: x + p["size"] * course(t / p["unit"], p["s"]),
 }
 # The side and the distance from rest of a stop that a displacement may meet.
@@ -249,7 +263,7 @@ FORCES = {
     "free-damping": lambda d, v, z, p: -p["size"] * free_rate(v / p["unit"], p["s"]),
 }
 # In closed loop, `linear_with_modal_effects` already includes these.
-IN_LOOP = ["actuator-gain", "actuator-crosstalk", "sensor-gain", "sensor-crosstalk"]
+CHANGES_OF_PLANT = ["actuator-gain", "actuator-crosstalk", "sensor-gain", "sensor-crosstalk"]
 # Stiffness and damper of the steepest part of a law, which takes steps of its own.
 STEEPEST = {"backlash": lambda p: (p["k"], 0.0), "end-stop": lambda p: (p["k"], p["c"]),
             "one-sided-stop": lambda p: (p["k"], p["c"])}
@@ -274,12 +288,15 @@ NOTHING_TO_DO = ["modal-frequency", "modal-damping", "missing-mode", "added-mass
 KNOWN = [COMMANDS, FORCES, SEVERAL, DISTURBANCES, DRIFTS, SENSORS, NOTHING_TO_DO]
 
 
-def change(function, signal, location, names, p, t, h):
-    """Changes the channels that a location names: input:u1, input:all, or input:u1->u2, which is from u1 into u2."""
+def change(function, signal, location, names, p, t, h, memory=None):
+    """Changes the channels that a location names: input:u1, input:all, or input:u1->u2, which is from u1 into u2. In
+    closed loop, `memory` is kept from one sample to the next."""
     source, _, target = location.partition(":")[2].rpartition("->")
+    p = {**p, "in_loop": memory is not None}
     if source:
-        p = {**p, "from": signal[names.index(source)]}
+        p["from"] = signal[names.index(source)]
     for i in range(len(names)) if target == "all" else [names.index(target)]:
+        p["memory"] = {} if memory is None else memory.setdefault(i, {})
         signal[i] = function(signal[i], p, t, h)
 
 
@@ -341,6 +358,8 @@ class Loop:
         self.others = [i for i, name in enumerate(model["inputs"])
                        if not self.references or name not in law["outputs"]]
         self.drivers = self.references + [model["inputs"][i] for i in self.others]
+        self.names, self.rate = (model["inputs"], model["outputs"]), model["sample_rate_hz"]
+        self.commands, self.sensors, self.measured = [], [], None
 
     def driven_by(self, given):
         """The inputs without the feedback, from the references and the inputs that the controller does not drive."""
@@ -352,13 +371,34 @@ class Loop:
         v[self.others] = given[len(self.references):]
         return v
 
-    def answer(self, v, y, d):
-        """The feedback at a sample, by the other part of the inputs and the outputs without direct feedthrough."""
-        command = np.linalg.solve(np.eye(len(v)) - self.d @ d, v + self.c @ self.x + self.d @ y)
-        return command - v
+    def take(self, effects):
+        """Takes the effects on commands and measurements, each with a memory."""
+        self.commands = [(*effect, {}) for effect in effects if effect[0] in COMMANDS]
+        self.sensors = [(*effect, {}) for effect in effects if effect[0] in SENSORS]
 
-    def read(self, y):
-        self.x = self.a @ self.x + self.b @ y
+    def answer(self, v, y, d, t, parts):
+        """The commands in the parts of a sample, by their part without feedback and the outputs without direct
+        feedthrough (inputs x parts)."""
+        self.measured = self.measure(y, t) if np.any(self.d) else None
+        fed = self.d @ self.measured if np.any(self.d) else 0.0
+        command = np.linalg.solve(np.eye(len(v)) - self.d @ d, v + self.c @ self.x + fed)
+        u = np.repeat(command[:, None], parts, axis=1)
+        for name, location, p, memory in self.commands:
+            change(COMMANDS[name], u, location, self.names[0], {**p, "parts": parts}, np.full(parts, t),
+                   1 / (self.rate * parts), memory)
+        return u
+
+    def measure(self, y, t):
+        """The outputs at a sample as the controller reads them."""
+        y = y[:, None].copy()
+        for name, location, p, memory in self.sensors:
+            change(SENSORS[name], y, location, self.names[1], p, np.array([t]), 1 / self.rate, memory)
+        return y[:, 0]
+
+    def read(self, y, d, t):
+        if self.measured is None or np.any(d):
+            self.measured = self.measure(y, t)
+        self.x = self.a @ self.x + self.b @ self.measured
 
 
 def simulate(file, u, t0):
@@ -386,15 +426,18 @@ def simulate(file, u, t0):
         if effect["location"].startswith("loop:"):
             loads.append(name)
             continue
-        if loop and name in IN_LOOP:
+        if loop and name in CHANGES_OF_PLANT:
             continue
         several = SEVERAL[name](p) if name in SEVERAL else [(name, p)]
         effects.extend((name, effect["location"], p) for name, p in several)
 
     u, parts = u.copy(), 1
+    if loop:
+        loop.take(effects)
     for name, location, p in effects:
         if name in COMMANDS:
             u, parts = refined(u, parts, PARTS.get(name, 1))
+        if name in COMMANDS and not loop:
             change(COMMANDS[name], u, location, model["inputs"], {**p, "parts": parts}, np.repeat(t, parts),
                    1 / (rate * parts))
     forces = [(name, p, strut(location, model)) for name, location, p in effects if name in FORCES]
@@ -415,7 +458,7 @@ def simulate(file, u, t0):
         y += np.outer(port["output"], on_a_given_motion(name, p, d, rate))
     for name, location, p in effects:
         if name in SENSORS:
-            change(SENSORS[name], y, location, model["outputs"], p, t, 1 / rate)
+            change(SENSORS[name], y, location, model["outputs"], p, t, 1 / rate, {} if loop else None)
     return y
 
 
@@ -539,11 +582,10 @@ def structure(model, q, u, parts, t, forces, pushes, drifts, loop):
             f[:count] = law()
             if part == k * parts:
                 if loop:
-                    fed = loop.answer(u[:, part], c @ x + at_once @ f, d)
-                    u[:, part:part + parts] += fed[:, None]
+                    u[:, part:part + parts] = loop.answer(u[:, part], c @ x + at_once @ f, d, t[k], parts)
                 y[:, k] = c @ x + d @ u[:, part] + at_once @ f  # sampled before the disturbance's next value acts
                 if loop:
-                    loop.read(y[:, k])
+                    loop.read(y[:, k], d, t[k])
                 f[count:] = [signal[k] for signal, _ in pushes]
             x = step @ x + add @ u[:, part] + held @ f
             if waits and part == (k + 1) * parts - 1:

@@ -3,7 +3,7 @@
 //! The example diagnoses it, and a test of the blind trials draws it. It takes the names of the library from the parent
 //! module, so that it can be compiled with `plid` and with `plid-gap`.
 
-use super::{Action, Effect, Flexible, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// The equation y' = y + c y^2 at one output.
 pub struct BentSensor;
@@ -57,7 +57,7 @@ struct Bend {
 }
 
 impl Sensor for Bend {
-    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling, _memory: &mut Memory) {
         for y in &mut y[self.o] {
             *y += self.c * *y * *y;
         }

@@ -11,7 +11,7 @@ mod bent;
 
 use bent::BentSensor;
 // The names that the effect uses.
-use plid::gap::effects::{Action, Effect, Flexible, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use plid::gap::effects::{Action, Effect, Flexible, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 use plid::gap::case::{Case, CaseConfig, Excitation, Record, columns};
 use plid::gap::diagnose;

@@ -3,7 +3,9 @@
 
 use std::fs;
 
-use plid_gap::effects::{Action, Effect, Flexible, Library, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use plid_gap::effects::{
+    Action, Effect, Flexible, Library, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side,
+};
 use plid_testbed::effects::own::{self, Level, Truth};
 use plid_trial::{Extent, Options, TrialConfig, diagnose, draw, score};
 use plid_work::Silent;

@@ -104,6 +104,10 @@ impl Predictor {
                 None => effect.act(&setting, &place, &parameters),
             });
         }
+        if plant.loops_within_sample() && actions.iter().any(Action::is_on_channel) {
+            let why = "its effects act between a controller and a model that both respond within a sample";
+            return Err(malformed(format!("{why}, which cannot be simulated")));
+        }
         let as_given = written.as_given.as_ref().map(|given| -> Result<Plant, GapError> {
             let given = Model::from_json(given, &format!("{}: as_given", path.display()))?;
             if (&given.inputs, &given.outputs) != (&model.inputs, &model.outputs) {

@@ -1,10 +1,10 @@
-//! The effects that are excluded from a case in closed loop: those on a command or on a measurement that cannot act
-//! between the plant and its controller ([`Effect::acts_in_loop`]). A simulation applies them to a whole record before
-//! or after the plant.
+//! The effects that are excluded from a case in closed loop if the plant and its controller both respond within a sample:
+//! those on a command or on a measurement that are no change of the plant ([`Effect::acts_in_loop`]). The command at a
+//! sample would then be the solution of an equation that contains the effect.
 
 use plid_model::Model;
 
-use crate::case::{Case, CaseConfig};
+use crate::case::Case;
 use crate::effects::{Effect, Library, Place, Setting, Side};
 use crate::error::GapError;
 use crate::plant::Plant;
@@ -20,15 +20,18 @@ pub fn leave_out(
     library: &Library,
     without: &[String],
 ) -> Result<Option<String>, GapError> {
-    if case.controller.is_none() {
+    let Some(controller) = &case.controller else { return Ok(None) };
+    let mut plant = Plant::with_settings(model, &case.config.settings.plant)?;
+    plant.close(controller.clone());
+    if !plant.loops_within_sample() {
         return Ok(None);
     }
-    let names = outside(model, library, without, &case.config)?;
+    let names = outside(&Setting::bare(&plant, model), library, without);
     let finding = (!names.is_empty()).then(|| {
         format!(
-            "Not considered, because they act inside the controller's loop: {}. To find them, diagnose with \
-            your own simulator of the loop under `[simulator]`, or, if the simulation is stable, with the recorded \
-            commands as inputs and without `[controller]`.",
+            "Not considered, because the simulation and the controller both respond within a sample: {}. To find \
+            them, diagnose with your own simulator of the loop under `[simulator]`, or, if the simulation is stable, \
+            with the recorded commands as inputs and without `[controller]`.",
             names.join(", ")
         )
     });
@@ -36,13 +39,13 @@ pub fn leave_out(
     Ok(finding)
 }
 
-/// Returns the effects of the library that act on commands or measurements, change a free run and cannot act in a loop.
-fn outside(model: &Model, library: &Library, without: &[String], config: &CaseConfig) -> Result<Vec<String>, GapError> {
-    let setting = Setting::bare(&Plant::with_settings(model, &config.settings.plant)?, model);
+/// Returns the effects of the library that act on commands or measurements, change a free run and cannot act in such a
+/// loop.
+fn outside(setting: &Setting, library: &Library, without: &[String]) -> Vec<String> {
     let is_channel = |place: &Place| matches!(place, Place::Input(_) | Place::AllInputs | Place::Output(_));
     let acts_outside = |effect: &dyn Effect| match effect.side() {
         Side::Actuator | Side::Sensor => true,
-        Side::Time => effect.places(&setting).iter().any(is_channel),
+        Side::Time => effect.places(setting).iter().any(is_channel),
         Side::Structure | Side::Disturbance => false,
     };
     let left_out = |effect: &&dyn Effect| {
@@ -51,7 +54,7 @@ fn outside(model: &Model, library: &Library, without: &[String], config: &CaseCo
             && acts_outside(*effect)
             && !without.iter().any(|name| name == effect.name())
     };
-    Ok(library.effects().filter(left_out).map(|effect| effect.name().to_string()).collect())
+    library.effects().filter(left_out).map(|effect| effect.name().to_string()).collect()
 }
 
 #[cfg(test)]
@@ -61,8 +64,8 @@ mod tests {
 
     #[test]
     fn what_acts_on_a_channel_is_outside() {
-        let config = CaseConfig::new(1.0, Vec::new(), Vec::new());
-        let found = outside(&truss(1), &Library::standard(), &[], &config).unwrap();
+        let plant = Plant::new(&truss(1)).unwrap();
+        let found = outside(&Setting::bare(&plant, &truss(1)), &Library::standard(), &[]);
         let has = |name: &str| found.iter().any(|other| other == name);
         for name in ["actuator-lag", "actuator-gain-drift", "sensor-delay", "sensor-drift", "mains-hum"] {
             assert!(has(name), "{name}");

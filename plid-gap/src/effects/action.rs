@@ -41,10 +41,41 @@ impl Drive {
     }
 }
 
-/// A change of the command.
+/// What an effect on commands or on measurements remembers of the earlier samples of a record. It is empty at the start
+/// of the record.
+#[derive(Debug, Clone, Default)]
+pub struct Memory(Vec<f64>);
+
+impl Memory {
+    /// Returns the remembered values. At the start of a record, they are `first`.
+    pub fn values<const N: usize>(&mut self, first: [f64; N]) -> &mut [f64; N] {
+        if self.0.is_empty() {
+            self.0.extend(first);
+        }
+        self.0.first_chunk_mut().expect("an effect remembers the same number of values at each sample")
+    }
+
+    /// Returns `count` remembered values of a signal, the oldest one first. At the start of a record, all are `before`.
+    pub fn past(&mut self, count: usize, before: f64) -> &mut [f64] {
+        if self.0.is_empty() {
+            self.0.resize(count, before);
+        }
+        &mut self.0
+    }
+}
+
+/// Returns the past of a signal and its next values as one signal. The last values become the past.
+pub fn continued(past: &mut [f64], next: &[f64]) -> Vec<f64> {
+    let whole = [past, next].concat();
+    past.copy_from_slice(&whole[next.len()..]);
+    whole
+}
+
+/// A change of the command. It is causal: no value depends on later ones.
 pub trait Command: Send + Sync {
-    /// Changes the command in place, from the start of a record.
-    fn apply(&self, drive: &mut Drive);
+    /// Changes the command in place. The drive is a whole record in open loop, and one sample after the other in closed
+    /// loop; `memory` keeps what the next sample needs.
+    fn apply(&self, drive: &mut Drive, memory: &mut Memory);
 }
 
 /// A force inside the structure that depends on the displacement d and the velocity v of its port.
@@ -104,10 +135,11 @@ impl Sampling {
     }
 }
 
-/// A change of the sensors' signals, after the filter and before noise.
+/// A change of the sensors' signals, after the filter and before noise. In closed loop, it is causal.
 pub trait Sensor: Send + Sync {
-    /// Changes the outputs (p channels) of a run in place.
-    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling);
+    /// Changes the outputs (p channels) in place: those of a whole record, or of one sample after the other where a
+    /// controller reads them. `memory` keeps what the next sample needs.
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling, memory: &mut Memory);
 }
 
 /// The change of a simulation by an effect.
@@ -143,7 +175,12 @@ impl Action {
         !matches!(self, Self::Plant(_) | Self::Stiffness(_) | Self::Lag(..))
     }
 
-    /// Returns whether the action changes nothing before the sensors, so that a run without it suffices.
+    /// Returns whether the action changes commands or measurements.
+    pub fn is_on_channel(&self) -> bool {
+        matches!(self, Self::Command(_) | Self::Sensor(_))
+    }
+
+    /// Returns whether the action changes nothing before the sensors. In open loop, a run without it suffices.
     pub fn is_on_sensors(&self) -> bool {
         matches!(self, Self::Sensor(_) | Self::Noise)
     }

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Memory, Parameter, Place, Range, Setting, Side};
 
 /// An actuator that does not respond to small commands.
 pub struct ActuatorDeadZone;
@@ -45,7 +45,7 @@ struct DeadZone {
 }
 
 impl Command for DeadZone {
-    fn apply(&self, drive: &mut Drive) {
+    fn apply(&self, drive: &mut Drive, _memory: &mut Memory) {
         for u in &mut drive.u[self.i] {
             *u = u.signum() * (u.abs() - self.delta).max(0.0);
         }

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Memory, Parameter, Place, Range, Setting, Side};
 
 /// An actuator whose gain changes with time.
 pub struct ActuatorGainDrift;
@@ -48,7 +48,7 @@ struct Drift {
 }
 
 impl Command for Drift {
-    fn apply(&self, drive: &mut Drive) {
+    fn apply(&self, drive: &mut Drive, _memory: &mut Memory) {
         let (t0, rate, parts) = (drive.t0, drive.rate, drive.parts);
         for (k, u) in drive.u[self.i].iter_mut().enumerate() {
             let t = t0 + (k / parts) as f64 / rate;

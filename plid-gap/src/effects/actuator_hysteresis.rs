@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Memory, Parameter, Place, Range, Setting, Side};
 
 /// Upper limit of alpha. At a reversal, the slope of u' is 1 - alpha times that of the command. Among 29 hysteretic
 /// actuators in development, the largest alpha was 0.88, at a gap of 26 %. In eight cases with actuators that stick
@@ -69,12 +69,12 @@ struct Hysteresis {
 }
 
 impl Command for Hysteresis {
-    fn apply(&self, drive: &mut Drive) {
-        let (mut z, mut before) = (0.0, 0.0);
+    fn apply(&self, drive: &mut Drive, memory: &mut Memory) {
+        let [z, before] = memory.values([0.0; 2]);
         for u in &mut drive.u[self.i] {
-            z = super::slip::advance(z, *u - before, self.alpha, self.uy);
-            before = *u;
-            *u -= z;
+            *z = super::slip::advance(*z, *u - *before, self.alpha, self.uy);
+            *before = *u;
+            *u -= *z;
         }
     }
 }

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Memory, Parameter, Place, Range, Setting, Side};
 use std::f64::consts::TAU;
 
 /// An actuator that is slower or faster than in the simulation.
@@ -75,15 +75,15 @@ struct Lag {
 }
 
 impl Command for Lag {
-    fn apply(&self, drive: &mut Drive) {
+    fn apply(&self, drive: &mut Drive, memory: &mut Memory) {
         drive.refine(PARTS);
         let x = self.to * drive.step();
         let (decay, mean) = ((-x).exp(), -(-x).exp_m1() / x);
         let direct = self.from.map_or(0.0, |from| self.to / from);
-        let mut lagged = 0.0;
+        let [lagged] = memory.values([0.0]);
         for u in &mut drive.u[self.i] {
-            let smooth = *u + (lagged - *u) * mean;
-            lagged = *u + (lagged - *u) * decay;
+            let smooth = *u + (*lagged - *u) * mean;
+            *lagged = *u + (*lagged - *u) * decay;
             *u = direct * *u + (1.0 - direct) * smooth;
         }
     }

@@ -1,6 +1,6 @@
 use super::clip::{MOST_ROUND, clip};
 use super::tanh::tanh;
-use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Memory, Parameter, Place, Range, Setting, Side};
 
 /// An amplifier or actuator whose gain falls at large commands.
 ///
@@ -59,7 +59,7 @@ struct Saturation {
 }
 
 impl Command for Saturation {
-    fn apply(&self, drive: &mut Drive) {
+    fn apply(&self, drive: &mut Drive, _memory: &mut Memory) {
         for u in &mut drive.u[self.i] {
             *u = self.round.map_or_else(|| self.a * tanh(*u / self.a), |round| clip(*u, self.a, round));
         }

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Memory, Parameter, Place, Range, Setting, Side};
 
 /// An amplifier whose output cannot follow fast commands.
 pub struct ActuatorSlewLimit;
@@ -55,19 +55,19 @@ struct Slew {
 }
 
 impl Command for Slew {
-    fn apply(&self, drive: &mut Drive) {
+    fn apply(&self, drive: &mut Drive, memory: &mut Memory) {
         drive.refine(PARTS);
         let most = self.limit * drive.step();
-        let mut now = 0.0;
+        let [now] = memory.values([0.0]);
         for u in &mut drive.u[self.i] {
-            let (from, far) = (now, *u - now);
+            let (from, far) = (*now, *u - *now);
             if far.abs() <= most {
-                now = *u;
+                *now = *u;
                 // The ramp lasts for a share of the part, and the command is held for the remainder.
-                *u = now - 0.5 * far * far.abs() / most;
+                *u = *now - 0.5 * far * far.abs() / most;
             } else {
-                now += most * far.signum();
-                *u = 0.5 * (from + now);
+                *now += most * far.signum();
+                *u = 0.5 * (from + *now);
             }
         }
     }

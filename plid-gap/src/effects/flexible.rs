@@ -2,8 +2,9 @@
 //! together with an effect whose own characteristic does not suffice, and is never named. It distinguishes "this
 //! location, another shape" from "something else".
 
+use super::action::continued;
 use super::tanh::tanh;
-use super::{Action, Command, Drive, Effect, Force, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::{Action, Command, Drive, Effect, Force, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// The characteristic that a free shape changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,6 +49,9 @@ const TAPS: usize = 4;
 /// Positions of the other values of an output, in samples before the current one. One of them is later, because a
 /// delay by a fraction of a sample interpolates between values on both sides.
 const AROUND: [isize; 4] = [-1, 1, 2, 3];
+
+/// The same for an output that a controller reads: no value depends on a later one.
+const BEFORE: [isize; 4] = [1, 2, 3, 4];
 
 /// Times at which a course may change its slope, as shares of the records' duration.
 const TURNS: [f64; 5] = [0.08, 0.2, 0.38, 0.6, 0.8];
@@ -133,9 +137,12 @@ impl Flexible {
             }
             (Self::Command, &Place::Input(i)) => vec![Action::Command(Box::new(CommandCurve { i, unit, shape }))],
             (Self::Hysteresis, &Place::Input(i)) => vec![Action::Command(Box::new(Elements { i, unit, shape }))],
-            (Self::Path, _) => vec![Action::Command(Box::new(Taps { place: place.clone(), shape }))],
+            (Self::Path, _) => vec![Action::Command(Box::new(CommandTaps { place: place.clone(), shape }))],
             (Self::Sensor, &Place::Output(o)) => vec![Action::Sensor(Box::new(OutputCurve { o, unit, shape }))],
-            (Self::SensorPath, &Place::Output(o)) => vec![Action::Sensor(Box::new(OutputTaps { o, shape }))],
+            (Self::SensorPath, &Place::Output(o)) => {
+                let back = if setting.plant.controller.is_some() { BEFORE } else { AROUND };
+                vec![Action::Sensor(Box::new(OutputTaps { o, shape, back }))]
+            }
             (Self::StiffnessCourse, _) => {
                 vec![Action::Stiffness(Box::new(move |t| 1.0 + course(t / unit, &shape)))]
             }
@@ -199,7 +206,9 @@ impl Effect for Flexible {
                 "y' = y + unit B(y/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' \
                 rises from 0 to 1 between the knots K = 0, 0.1, 0.3, 0.8, 1.4, 2, 2.8, 3.8; s_9..s_16 where x < 0"
             }
-            Self::SensorPath => "y'(k) = y(k) + sum_j s_j (y(k - j) - y(k)), j = -1, 1, 2, 3",
+            Self::SensorPath => {
+                "y'(k) = y(k) + sum_j s_j (y(k - j) - y(k)), j = -1, 1, 2, 3; in closed loop, j = 1, 2, 3, 4"
+            }
             Self::StiffnessCourse => {
                 "w_m^2 -> w_m^2 (1 + sum_k s_k max(t/unit - T_k, 0)), every mode, T = 0.08, 0.2, 0.38, 0.6, 0.8"
             }
@@ -242,7 +251,7 @@ struct GainOverTime {
 }
 
 impl Command for GainOverTime {
-    fn apply(&self, drive: &mut Drive) {
+    fn apply(&self, drive: &mut Drive, _memory: &mut Memory) {
         let (t0, rate, parts) = (drive.t0, drive.rate, drive.parts);
         for (k, u) in drive.u[self.i].iter_mut().enumerate() {
             let t = t0 + (k / parts) as f64 / rate;
@@ -259,7 +268,7 @@ struct ZeroOverTime {
 }
 
 impl Sensor for ZeroOverTime {
-    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling, _memory: &mut Memory) {
         for (k, y) in y[self.o].iter_mut().enumerate() {
             *y += self.size * course(sampling.time(k) / self.unit, &self.shape);
         }
@@ -334,7 +343,7 @@ struct CommandCurve {
 }
 
 impl Command for CommandCurve {
-    fn apply(&self, drive: &mut Drive) {
+    fn apply(&self, drive: &mut Drive, _memory: &mut Memory) {
         for u in &mut drive.u[self.i] {
             *u += self.unit * characteristic(*u / self.unit, &self.shape);
         }
@@ -348,40 +357,39 @@ struct Elements {
 }
 
 impl Command for Elements {
-    fn apply(&self, drive: &mut Drive) {
-        let mut z = [0.0; YIELDS.len()];
-        let mut before = 0.0;
+    fn apply(&self, drive: &mut Drive, memory: &mut Memory) {
+        let [before, z @ ..] = memory.values([0.0; YIELDS.len() + 1]);
         for u in &mut drive.u[self.i] {
             for (z, share) in z.iter_mut().zip(YIELDS) {
-                *z = super::slip::advance(*z, *u - before, 1.0, share * self.unit);
+                *z = super::slip::advance(*z, *u - *before, 1.0, share * self.unit);
             }
-            before = *u;
-            *u -= self.shape.iter().zip(z).map(|(c, z)| c * z).sum::<f64>();
+            *before = *u;
+            *u -= self.shape.iter().zip(z.iter()).map(|(c, z)| c * z).sum::<f64>();
         }
     }
 }
 
 /// The command u(t) + sum of c_k (u(t - k/2 samples) - u(t)).
-struct Taps {
+struct CommandTaps {
     place: Place,
     shape: Vec<f64>,
 }
 
-impl Command for Taps {
-    fn apply(&self, drive: &mut Drive) {
+impl Command for CommandTaps {
+    fn apply(&self, drive: &mut Drive, memory: &mut Memory) {
         drive.refine(2);
         let each = drive.parts / 2;
-        for (i, channel) in drive.u.iter_mut().enumerate() {
+        let (count, reach) = (drive.u.len(), self.shape.len() * each);
+        let past = memory.past(count * reach, 0.0);
+        for ((i, channel), past) in drive.u.iter_mut().enumerate().zip(past.chunks_mut(reach)) {
             if self.place != Place::AllInputs && self.place != Place::Input(i) {
                 continue;
             }
-            let at = |k: usize, back: usize| if k >= back { channel[k - back] } else { 0.0 };
-            let changed = |k: usize| {
-                let u = channel[k];
-                let more = self.shape.iter().enumerate().map(|(j, c)| c * (at(k, (j + 1) * each) - u));
-                u + more.sum::<f64>()
-            };
-            *channel = (0..channel.len()).map(changed).collect();
+            let whole = continued(past, channel);
+            for (k, u) in channel.iter_mut().enumerate() {
+                let then = |j: usize| whole[k + reach - (j + 1) * each];
+                *u += self.shape.iter().enumerate().map(|(j, c)| c * (then(j) - *u)).sum::<f64>();
+            }
         }
     }
 }
@@ -393,7 +401,7 @@ struct OutputCurve {
 }
 
 impl Sensor for OutputCurve {
-    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling, _memory: &mut Memory) {
         for y in &mut y[self.o] {
             *y += self.unit * characteristic(*y / self.unit, &self.shape);
         }
@@ -403,17 +411,20 @@ impl Sensor for OutputCurve {
 struct OutputTaps {
     o: usize,
     shape: Vec<f64>,
+    /// Positions of the other values, in samples before the current one.
+    back: [isize; 4],
 }
 
 impl Sensor for OutputTaps {
-    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
-        let from = y[self.o].clone();
-        let last = from.len().saturating_sub(1);
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling, memory: &mut Memory) {
         // The value is zero before the record, and the last one after it.
-        let at = |k: usize, back: isize| k.checked_add_signed(-back).map_or(0.0, |k| from[k.min(last)]);
+        let reach = self.back[self.back.len() - 1].unsigned_abs();
+        let from = continued(memory.past(reach, 0.0), &y[self.o]);
+        let last = from.len().saturating_sub(1);
         for (k, y) in y[self.o].iter_mut().enumerate() {
-            let more = self.shape.iter().zip(AROUND).map(|(c, back)| c * (at(k, back) - from[k]));
-            *y += more.sum::<f64>();
+            let now = k + reach;
+            let at = |back: isize| from[now.saturating_add_signed(-back).min(last)];
+            *y += self.shape.iter().zip(self.back).map(|(c, back)| c * (at(back) - from[now])).sum::<f64>();
         }
     }
 }

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::{Action, Effect, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 use plid_fourier::C;
 use std::f64::consts::{PI, TAU};
 
@@ -83,7 +83,7 @@ struct Hum {
 const TURNED: usize = 64;
 
 impl Sensor for Hum {
-    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling, _memory: &mut Memory) {
         for &(a, f, phi) in &self.lines {
             let turn = C::cis(TAU * f / sampling.rate);
             for (number, y) in y[self.o].chunks_mut(TURNED).enumerate() {
@@ -106,7 +106,7 @@ mod tests {
         let lines = vec![(0.3, 49.97, 0.4), (-0.02, 149.91, 5.0)];
         let sampling = Sampling { t0: 17.3, rate: 1600.0, at_rest: false };
         let mut y = vec![vec![1.0; 1000]];
-        Hum { o: 0, lines: lines.clone() }.apply(&mut y, sampling);
+        Hum { o: 0, lines: lines.clone() }.apply(&mut y, sampling, &mut Memory::default());
         for (k, y) in y[0].iter().enumerate() {
             let line = |(a, f, phi): &(f64, f64, f64)| a * (TAU * f * sampling.time(k) + phi).sin();
             let exact = 1.0 + lines.iter().map(line).sum::<f64>();

@@ -1,6 +1,6 @@
 //! Gains and cross-talk: a share of one channel is added to another one, or to itself.
 
-use super::{Action, Command, Drive, Sampling, Sensor, Setting};
+use super::{Action, Command, Drive, Memory, Sampling, Sensor, Setting};
 
 /// A channel of which a share is added to another one, x'_to = x_to + share x_from.
 struct Mix {
@@ -43,13 +43,13 @@ impl Mix {
 }
 
 impl Command for Mix {
-    fn apply(&self, drive: &mut Drive) {
+    fn apply(&self, drive: &mut Drive, _memory: &mut Memory) {
         self.apply(&mut drive.u);
     }
 }
 
 impl Sensor for Mix {
-    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling, _memory: &mut Memory) {
         self.apply(y);
     }
 }

@@ -58,13 +58,14 @@ mod stick_friction;
 mod stiffness_drift;
 mod stop;
 mod tanh;
+mod taps;
 mod unit;
 mod units;
 
 use crate::case::Limits;
 pub use crate::plant::Load;
 pub use crate::signal::peaks::MissingModeStart;
-pub use action::{Action, Command, Drive, Force, Sampling, Sensor};
+pub use action::{Action, Command, Drive, Force, Memory, Sampling, Sensor, continued};
 pub use flexible::Flexible;
 pub use library::Library;
 pub use place::{Names, Place};
@@ -266,8 +267,8 @@ pub trait Effect: Send + Sync {
         self.is_in_refit()
     }
 
-    /// Returns whether it can act between a plant and its controller. In closed loop, its action must then be a change
-    /// of the plant, because a simulation applies changes of commands and outputs to whole records.
+    /// Returns whether it can act between a plant and its controller even if both respond within a sample. In closed
+    /// loop, its action must then be a change of the plant.
     fn acts_in_loop(&self) -> bool {
         false
     }

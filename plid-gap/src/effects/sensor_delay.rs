@@ -1,4 +1,5 @@
-use super::{Action, Effect, Flexible, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::taps::Taps;
+use super::{Action, Effect, Flexible, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 use std::f64::consts::{PI, TAU};
 
 use plid_fourier::C;
@@ -43,20 +44,27 @@ impl Effect for SensorDelay {
         Some(&Flexible::SensorPath)
     }
 
-    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let Place::Output(o) = *place else { return Vec::new() };
-        vec![Action::Sensor(Box::new(Delay { o, tau: parameters[0] }))]
+        let (tau, past) = (parameters[0], setting.plant.controller.is_some());
+        vec![Action::Sensor(Box::new(Delay { o, tau, past }))]
     }
 }
 
 struct Delay {
     o: usize,
     tau: f64,
+    /// Whether values between samples depend on earlier samples alone, as they do for a controller that reads them.
+    past: bool,
 }
 
 impl Sensor for Delay {
-    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling, memory: &mut Memory) {
         let before = sampling.before(&y[self.o]);
+        if self.past {
+            let taps = Taps::new(self.tau);
+            return taps.apply(&mut y[self.o], memory.past(taps.reach(), before));
+        }
         delay(&mut y[self.o], self.tau, before);
     }
 }

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Flexible, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// A sensor whose offset changes with time.
 pub struct SensorDrift;
@@ -49,7 +49,7 @@ struct Drift {
 }
 
 impl Sensor for Drift {
-    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling, _memory: &mut Memory) {
         for (k, y) in y[self.o].iter_mut().enumerate() {
             *y += self.s * sampling.time(k);
         }

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Flexible, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 use std::f64::consts::TAU;
 
 /// A sensor with a low-pass filter that the simulation lacks.
@@ -53,12 +53,12 @@ struct Lag {
 }
 
 impl Sensor for Lag {
-    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling, memory: &mut Memory) {
         let al = (-TAU * self.fc / sampling.rate).exp();
-        let mut lagged = sampling.before(&y[self.o]);
+        let [lagged] = memory.values([sampling.before(&y[self.o])]);
         for y in &mut y[self.o] {
-            lagged = al * lagged + (1.0 - al) * *y;
-            *y = lagged;
+            *lagged = al * *lagged + (1.0 - al) * *y;
+            *y = *lagged;
         }
     }
 }

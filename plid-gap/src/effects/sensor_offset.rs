@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::{Action, Effect, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// A sensor that does not read zero at rest.
 pub struct SensorOffset;
@@ -45,7 +45,7 @@ struct Offset {
 }
 
 impl Sensor for Offset {
-    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling, _memory: &mut Memory) {
         for y in &mut y[self.o] {
             *y += self.offset;
         }

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Observation, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::{Action, Effect, Memory, Observation, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// A converter that is coarser than the others, found in the raw values. If it rounds, no free run changes. If it
 /// truncates, it moves every value towards zero by half a step on average.
@@ -46,7 +46,7 @@ struct Cut {
 }
 
 impl Sensor for Cut {
-    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling, _memory: &mut Memory) {
         for y in &mut y[self.o] {
             *y = (y.abs() - self.by).max(0.0).copysign(*y);
         }

@@ -1,5 +1,5 @@
 use super::clip::{MOST_ROUND, clip};
-use super::{Action, Effect, Flexible, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
 /// A sensor or an amplifier that clips.
 ///
@@ -58,7 +58,7 @@ struct Clip {
 }
 
 impl Sensor for Clip {
-    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling, _memory: &mut Memory) {
         for y in &mut y[self.o] {
             *y = clip(*y, self.a, self.round);
         }

@@ -7,7 +7,6 @@ use plid_lsq::Normal;
 use rayon::prelude::*;
 
 use crate::case::record::Channels;
-use crate::effects::Action;
 use crate::fit::derivatives::Derivatives;
 use crate::fit::descent::{Fit, Point};
 use crate::fit::problem::{Placed, Problem};
@@ -197,7 +196,7 @@ impl Problem {
             step[j] = STEP;
             self.actions(&stepped(effects, &step, scales))
         };
-        let on_sensors = |placed: &Placed| self.actions(std::slice::from_ref(placed)).iter().all(Action::is_on_sensors);
+        let on_sensors = |placed: &Placed| self.are_on_sensors(&self.actions(std::slice::from_ref(placed)));
         let shared: Vec<bool> = (effects.iter())
             .flat_map(|placed| std::iter::repeat_n(on_sensors(placed), placed.parameters.len()))
             .collect();

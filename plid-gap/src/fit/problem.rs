@@ -141,7 +141,7 @@ impl Problem {
         self.nuisance.of_simulation() <= self.settings.search.few_parameters
     }
 
-    /// Returns whether an effect loads the plant, or changes it inside a loop, and the linear parameters are few enough
+    /// Returns whether an effect loads the plant, or acts inside a loop, and the linear parameters are few enough
     /// for the derivatives of the simulation with its effects. Such a change and the poles that it moves look alike,
     /// so derivatives without it are misleading.
     pub fn is_loaded(&self, effects: &[Placed]) -> bool {
@@ -150,9 +150,15 @@ impl Problem {
         let loads = |action: &Action| match action {
             Action::Load(..) => true,
             Action::Plant(_) => closed,
-            _ => false,
+            _ => closed && action.is_on_channel(),
         };
         few && self.actions(effects).iter().any(loads)
+    }
+
+    /// Returns whether runs with and without the actions are identical before the sensors. A controller reads what the
+    /// sensors show.
+    pub fn are_on_sensors(&self, actions: &[Action]) -> bool {
+        self.plant.controller.is_none() && actions.iter().all(Action::is_on_sensors)
     }
 
     /// Simulates the free run of one record.

@@ -6,7 +6,7 @@ use plid_simulator::{Calls, Checked, Description, Failure, Instance, Motion, Sim
 
 use crate::answer::schema::Bound;
 use crate::case::record::{Channels, Record};
-use crate::effects::{Action, Drive, Force, Sampling, Setting};
+use crate::effects::{Action, Drive, Force, Memory, Sampling, Setting};
 use crate::fit::problem::Placed;
 use crate::in_loop::bounds::{Bounds, Cut, Spent};
 use crate::in_loop::coupling::{Coupling, Response};
@@ -93,7 +93,7 @@ impl Acting {
         let sampling = Sampling { t0, rate, at_rest: false };
         for action in &self.actions {
             if let Action::Sensor(sensor) = action {
-                sensor.apply(y, sampling);
+                sensor.apply(y, sampling, &mut Memory::default());
             }
         }
     }
@@ -415,7 +415,7 @@ impl<'s> Runs<'s> {
         let mut at = AtPorts::default();
         for action in &acting.actions {
             match action {
-                Action::Command(command) => command.apply(&mut drive),
+                Action::Command(command) => command.apply(&mut drive, &mut Memory::default()),
                 Action::Parameter(number, value) => values[*number] = *value,
                 Action::Force(port, law) => at.laws.push((*port, law.as_ref())),
                 Action::Load(port, load) => at.loads.push((*port, *load)),

@@ -9,7 +9,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::case::record::Channels;
-use crate::effects::{Action, Sampling, Side};
+use crate::effects::{Action, Memory, Sampling, Side};
 use crate::fit::problem::{Placed, dot, sum_of_squares};
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
@@ -71,7 +71,8 @@ fn change(quick: &Problem, start: &Fit, stand_in: Option<&StandIn>, placed: &Pla
     let mut after = before.clone();
     for action in &actions {
         let Action::Sensor(sensor) = action else { return stand_in?.change(quick, placed) };
-        sensor.apply(&mut after, Sampling { t0: record.start_s, rate: quick.setting.plant.rate, at_rest: false });
+        let sampling = Sampling { t0: record.start_s, rate: quick.setting.plant.rate, at_rest: false };
+        sensor.apply(&mut after, sampling, &mut Memory::default());
     }
     Some(difference(&[after], std::slice::from_ref(before)).remove(0))
 }

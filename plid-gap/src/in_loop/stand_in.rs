@@ -13,7 +13,7 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::case::record::{Channels, rms};
-use crate::effects::{Action, Drive, Force};
+use crate::effects::{Action, Drive, Force, Memory};
 use crate::fit::problem::Placed;
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::{Runs, regrouped};
@@ -101,7 +101,7 @@ impl StandIn {
             match action {
                 Action::Command(command) => {
                     let mut drive = self.drive.clone();
-                    command.apply(&mut drive);
+                    command.apply(&mut drive, &mut Memory::default());
                     let changed = difference(&[regrouped(&drive, 1)], &[regrouped(&self.drive, 1)]).remove(0);
                     for (to, by) in pushed.iter_mut().zip(changed) {
                         *to = by;

@@ -10,8 +10,8 @@
 //! input or of a port, it is the part of rank one.
 //!
 //! A side is clear if one of its places explains most of the residual and all places of the other sides leave much
-//! more of it. In closed loop, the controller responds to the errors of actuators and sensors, and these functions do
-//! not describe the response. Only the other places are compared there, and no side is clear.
+//! more of it. If a controller and the plant respond to each other within a sample, these functions cannot be simulated
+//! at commands and measurements. Only the other places are compared there, and no side is clear.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -132,7 +132,7 @@ fn problem(ready: &Prepared, known: &Known) -> Problem {
 fn means(problem: &Problem) -> Vec<Means> {
     let setting = &problem.setting;
     let one = |side: Side, place: Place, freed: Vec<usize>, runs| Means::new(side, &place, freed, runs, setting);
-    let mut all = if problem.plant.controller.is_some() { Vec::new() } else { of_channels(problem) };
+    let mut all = if problem.plant.loops_within_sample() { Vec::new() } else { of_channels(problem) };
     all.extend(at_joints(setting).map(|(side, joint, runs)| one(side, joint, Vec::new(), runs)));
     let poles = parts(problem, Part::Pole);
     all.push(one(Side::Structure, Place::Structure, poles, Vec::new()));
@@ -215,8 +215,8 @@ fn lines(setting: &Setting) -> impl Iterator<Item = (Side, Place, Vec<Placed<'st
             };
             (Side::Sensor, place.clone(), phases.map(run).to_vec())
         });
-        let closed = setting.plant.controller.is_some();
-        forces.chain(hums.filter(move |_| !closed)).collect::<Vec<_>>()
+        let none = setting.plant.loops_within_sample();
+        forces.chain(hums.filter(move |_| !none)).collect::<Vec<_>>()
     })
 }
 

@@ -34,6 +34,13 @@ impl Plant {
         self.controller = Some(controller);
     }
 
+    /// Returns whether the plant and its controller both respond to each other within a sample. Effects on commands and
+    /// measurements cannot be simulated in such a loop.
+    pub fn loops_within_sample(&self) -> bool {
+        let responds = |matrix: &DMatrix<f64>| matrix.iter().any(|x| *x != 0.0);
+        self.controller.as_ref().is_some_and(|controller| responds(&controller.d)) && responds(&self.d)
+    }
+
     /// Returns the sensitivity of the loop at a frequency, (I - P K)^-1 (p x p), by which a disturbance of an output
     /// appears in all outputs; `None` without a controller.
     pub fn sensitivity(&self, hz: f64) -> Option<DMatrix<C>> {

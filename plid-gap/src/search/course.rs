@@ -9,7 +9,7 @@
 use std::sync::Arc;
 
 use crate::case::record::Record;
-use crate::effects::{Action, Command, Drive, Effect, Parameter, Place, Setting, Side};
+use crate::effects::{Action, Command, Drive, Effect, Memory, Parameter, Place, Setting, Side};
 use crate::fit::candidate::in_words;
 use crate::fit::problem::{Effort, Fit, Placed, Problem};
 use crate::fit::refit::Refit;
@@ -109,11 +109,11 @@ struct ConstantCommand {
 }
 
 impl Command for ConstantCommand {
-    fn apply(&self, drive: &mut Drive) {
+    fn apply(&self, drive: &mut Drive, memory: &mut Memory) {
         let (rate, t0) = (drive.rate, drive.t0);
         // With an infinite rate, no time passes within the record.
         (drive.rate, drive.t0) = (f64::INFINITY, middle(&self.spans, t0));
-        self.command.apply(drive);
+        self.command.apply(drive, memory);
         (drive.rate, drive.t0) = (rate, t0);
     }
 }

@@ -234,7 +234,7 @@ impl Now {
     pub fn added(&self, base: &Base, tried: &[Tried]) -> Vec<Vec<f64>> {
         let problem = base.problem;
         let more = |tried: &Tried| problem.actions(std::slice::from_ref(&tried.placed));
-        let without_run = tried.iter().all(|tried| more(tried).iter().all(Action::is_on_sensors));
+        let without_run = tried.iter().all(|tried| problem.are_on_sensors(&more(tried)));
         let with = |tried| problem.actions(base.effects).into_iter().chain(more(tried)).collect();
         let sets: Vec<Vec<Action>> = tried.iter().map(with).collect();
         let residuals = if without_run {

@@ -6,6 +6,7 @@
 //! of a sample. Where a stop is reached ([`Force::at_end`]), or dry friction sticks or slips (`friction`), the instant
 //! within the part is located.
 
+mod between;
 mod block;
 mod feedback;
 mod friction;
@@ -14,7 +15,7 @@ mod runner;
 mod together;
 
 use crate::case::record::Channels;
-use crate::effects::{Action, Drive, Force, Sampling};
+use crate::effects::{Action, Drive, Force, Memory, Sampling};
 use crate::plant::{Plant, Port};
 pub use crate::simulate::together::{Run, before_sensors};
 use plid_fourier::C;
@@ -96,7 +97,7 @@ pub fn commands(plant: &Plant, u: &[Vec<f64>]) -> Channels {
 pub fn apply_sensors(actions: &[Action], y: &mut Channels, sampling: Sampling) {
     for action in actions {
         if let Action::Sensor(sensor) = action {
-            sensor.apply(y, sampling);
+            sensor.apply(y, sampling, &mut Memory::default());
         }
     }
 }

@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 use crate::case::record::Channels;
 use crate::effects::{Drive, Force};
 use crate::plant::{Carried, Plant};
+use crate::simulate::between::Between;
 use crate::simulate::block::{Block, Maps};
 use crate::simulate::feedback::Feedback;
 use crate::simulate::friction::{Part, Response};
@@ -18,6 +19,13 @@ pub struct Given {
     pub drive: Drive,
     /// A value of each disturbance for each sample.
     pub disturbances: Vec<Vec<f64>>,
+}
+
+impl Given {
+    /// Returns the time of a sample in s.
+    fn time(&self, sample: usize) -> f64 {
+        self.drive.t0 + sample as f64 / self.drive.rate
+    }
 }
 
 /// Steps several runs through all samples. A part of a sample has to wait for its force; meanwhile the processor
@@ -41,17 +49,17 @@ pub fn advance<const R: usize>(
         for block in 0..blocks {
             let first = (k * blocks + block) * values;
             let mut same = block > 0;
+            if block == 0 {
+                runner.close(given, y, k);
+            }
             for (at, held) in held.iter_mut().enumerate() {
                 let (i, value) = (at / values, at % values);
-                let mut now = std::array::from_fn(|r| given[r].drive.u[i][first + value]);
-                if let Some(feedback) = runner.feedback.as_ref().filter(|_| block > 0) {
-                    now.iter_mut().zip(&feedback.fed[i]).for_each(|(now, fed)| *now += fed);
-                }
+                let now = match &runner.feedback {
+                    Some(feedback) => feedback.command(i, block * values + value),
+                    None => std::array::from_fn(|r| given[r].drive.u[i][first + value]),
+                };
                 same = same && *held == now;
                 *held = now;
-            }
-            if block == 0 {
-                runner.close(&mut held, y, k);
             }
             if !same {
                 runner.hold(&held);
@@ -61,7 +69,7 @@ pub fn advance<const R: usize>(
                 // The outputs are sampled before the next value of a disturbance acts. An accelerometer without a
                 // filter would otherwise measure this value already.
                 runner.output(&held, y, k);
-                runner.feedback.iter_mut().for_each(|feedback| feedback.read(y, k));
+                runner.feedback.iter_mut().for_each(|feedback| feedback.read(y, k, given.map(|given| given.time(k))));
                 for d in 0..runner.pushes.len() {
                     runner.push(d, std::array::from_fn(|r| given[r].disturbances[d][k]));
                 }
@@ -155,13 +163,16 @@ struct Push<const R: usize> {
 
 impl<'a, const R: usize> Runner<'a, R> {
     /// Returns a runner at rest, with a given number of values of the command in a sample, each of which is held over
-    /// a given number of parts. The forces of all runs act at the same ports.
+    /// a given number of parts. The forces of all runs act at the same ports. The effects between a controller and the
+    /// plant are those of each run.
     pub fn new(
         plant: &'a Plant,
         (values, parts): (usize, usize),
         forces: [&[(usize, &'a dyn Force)]; R],
         disturbances: &[usize],
+        between: [Between<'a>; R],
     ) -> Self {
+        let feedback = Feedback::new(plant, between, values);
         let ports: Vec<usize> = forces[0].iter().map(|(port, _)| *port).collect();
         let blocks = blocks_of(plant, (values, parts), !ports.is_empty());
         let values = values / blocks;
@@ -173,7 +184,7 @@ impl<'a, const R: usize> Runner<'a, R> {
         Self {
             maps: block.maps(plant, &poles),
             late: block.late.then(|| Late::new(plant, &block, &ports)),
-            feedback: Feedback::new(plant),
+            feedback,
             d: plant.d.clone(),
             state: state.to_vec(),
             motion: motion.to_vec(),
@@ -232,16 +243,13 @@ impl<'a, const R: usize> Runner<'a, R> {
         self.see();
     }
 
-    /// Adds the feedback at a sample to the values of the inputs.
+    /// Computes the commands of a sample in closed loop.
     #[inline(always)]
-    fn close(&mut self, held: &mut [[f64; R]], y: &mut [Channels; R], sample: usize) {
+    fn close(&mut self, given: &[&Given; R], y: &mut [Channels; R], sample: usize) {
         let Some(mut feedback) = self.feedback.take() else { return };
         self.output(&[], y, sample);
-        let first: Vec<[f64; R]> = held.iter().step_by(self.values).copied().collect();
-        feedback.find(&first, y, sample);
-        for (held, fed) in held.chunks_exact_mut(self.values).zip(&feedback.fed) {
-            held.iter_mut().flat_map(|held| held.iter_mut().zip(fed)).for_each(|(held, fed)| *held += fed);
-        }
+        let v = |r: usize, i: usize| given[r].drive.u[i][sample * given[r].drive.parts];
+        feedback.find(v, y, sample, given.map(|given| given.time(sample)));
         self.feedback = Some(feedback);
     }
 
@@ -281,9 +289,11 @@ impl<'a, const R: usize> Runner<'a, R> {
             let drive = &given.drive;
             let values = k * drive.parts..(k + 1) * drive.parts;
             for (i, (b, u)) in late.b.iter().zip(&drive.u).enumerate() {
-                let mean = u[values.clone()].iter().sum::<f64>() / drive.parts as f64;
-                let fed = self.feedback.as_ref().map_or(0.0, |feedback| feedback.fed[i][r]);
-                lanes::add(&mut late.held, b, r, mean + fed);
+                let mean = match &self.feedback {
+                    Some(feedback) => feedback.mean(i, r),
+                    None => u[values.clone()].iter().sum::<f64>() / drive.parts as f64,
+                };
+                lanes::add(&mut late.held, b, r, mean);
             }
         }
     }

@@ -5,8 +5,9 @@ use rayon::prelude::*;
 
 use super::{Fineness, State, changed_plant, most_in_a_block, on_a_given_motion, parts_at, parts_of};
 use crate::case::record::Channels;
-use crate::effects::{Action, Drive, Force};
+use crate::effects::{Action, Drive, Force, Memory};
 use crate::plant::Plant;
+use crate::simulate::between::Between;
 use crate::simulate::runner::{Given, Runner, advance};
 
 /// A run of the simulation.
@@ -87,9 +88,14 @@ impl<'r> Applied<'r> {
             .filter_map(|action| if let Action::Force(port, law) = action { Some((*port, law.as_ref())) } else { None })
             .partition(|&(port, _): &(usize, &dyn Force)| plant.ports[port].moved_by().is_some());
         let mut drive = Drive::new(run.u, plant.rate, run.t0);
-        for action in run.actions {
-            if let Action::Command(command) = action {
-                command.apply(&mut drive);
+        if plant.controller.is_some() {
+            // The effects act on the whole command, of which the controller adds its part at each sample.
+            drive.refine(between(plant, &run).parts());
+        } else {
+            for action in run.actions {
+                if let Action::Command(command) = action {
+                    command.apply(&mut drive, &mut Memory::default());
+                }
             }
         }
         let parts = forces.iter().map(|&(port, law)| parts_of(plant, port, law)).fold(fineness.force, usize::max);
@@ -150,6 +156,11 @@ impl<'r> Applied<'r> {
     }
 }
 
+/// Returns the effects of a run that act between a controller and its plant.
+fn between<'r>(plant: &Plant, run: &Run<'r>) -> Between<'r> {
+    Between::new(run.actions, [plant.m, plant.p], plant.rate, run.t0, run.start.is_none())
+}
+
 /// Advances runs that are alike. Returns the outputs of each run, and the number of parts of a sample that it needs
 /// for its motion.
 fn advanced<const R: usize>(runs: [&Applied<'_>; R], plant: &Plant, fineness: Fineness) -> Vec<(Channels, usize)> {
@@ -157,7 +168,8 @@ fn advanced<const R: usize>(runs: [&Applied<'_>; R], plant: &Plant, fineness: Fi
     let plant = first.changed.as_ref().unwrap_or(plant);
     let pushed: Vec<usize> = first.pushed().collect();
     let laws = runs.map(|run| run.forces.as_slice());
-    let mut runner = Runner::new(plant, (first.given.drive.parts, first.parts), laws, &pushed);
+    let between = runs.map(|run| between(plant, &run.run));
+    let mut runner = Runner::new(plant, (first.given.drive.parts, first.parts), laws, &pushed, between);
     for (number, run) in runs.iter().enumerate() {
         if let Some(start) = &run.start {
             runner.start(number, start);
@@ -188,7 +200,7 @@ mod tests {
     struct Quarters;
 
     impl Command for Quarters {
-        fn apply(&self, drive: &mut Drive) {
+        fn apply(&self, drive: &mut Drive, _memory: &mut Memory) {
             drive.refine(4);
             (drive.u[0][9], drive.u[0][11]) = (1.0, -2.0);
         }

@@ -1,17 +1,22 @@
 //! Plants in closed loop. The true systems are integrated here in small steps. The controller is also implemented here;
 //! it acts at the samples and reads noisy signals.
 
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
 use std::path::Path;
 
 use nalgebra::{DMatrix, dmatrix};
 use plid_model::Model;
 use tempfile::TempDir;
 
-use crate::answer::schema::Diagnosis;
+use crate::answer::schema::{Diagnosis, NamedEffect};
 use crate::case::Case;
 use crate::case::record::{Channels, rms};
 use crate::effects::{
-    Action, ActuatorGain, CoulombFriction, CubicStiffness, Effect, Library, Place, SensorGain, Setting,
+    Action, ActuatorDeadZone, ActuatorDelay, ActuatorGain, ActuatorLag, ActuatorSaturation, ActuatorSlewLimit,
+    CoulombFriction, CubicStiffness, Effect, Library, Place, SensorDelay, SensorGain, SensorLag, SensorOffset,
+    SensorSaturation, Setting,
 };
 use crate::error::GapError;
 use crate::judge::verdict::Verdict;
@@ -54,11 +59,22 @@ type Advance<'a> = &'a dyn Fn([f64; 2], f64) -> [f64; 2];
 
 /// Runs a loop from rest. Returns the measured displacements and the commands.
 fn run(gains: [f64; 3], advance: Advance, r: &[f64], noise: &[f64]) -> [Vec<f64>; 2] {
+    run_with_sensor(gains, advance, &|y| y, r, noise)
+}
+
+/// Runs a loop from rest whose sensor shows a function of the displacements.
+fn run_with_sensor(
+    gains: [f64; 3],
+    advance: Advance,
+    sensor: &dyn Fn(f64) -> f64,
+    r: &[f64],
+    noise: &[f64],
+) -> [Vec<f64>; 2] {
     let [p, d, i] = gains;
     let (mut x, mut before, mut integral) = ([0.0; 2], 0.0, 0.0);
     let (mut measured, mut commands) = (Vec::new(), Vec::new());
     for (r, e) in r.iter().zip(noise) {
-        let y = x[0] + e;
+        let y = sensor(x[0]) + e;
         let u = p * (r - y) - d * (y - before) * RATE + i * integral;
         (before, integral) = (y, integral + (r - y) / RATE);
         measured.push(y);
@@ -68,14 +84,27 @@ fn run(gains: [f64; 3], advance: Advance, r: &[f64], noise: &[f64]) -> [Vec<f64>
     [measured, commands]
 }
 
-/// Returns a function that integrates over one sample by the classical Runge-Kutta method in 200 steps.
+/// Number of small steps in a sample.
+const STEPS: usize = 200;
+
+/// Returns a function that integrates over one sample by the classical Runge-Kutta method in small steps.
 fn smooth(axis: Axis, force: impl Fn(f64, f64) -> f64) -> impl Fn([f64; 2], f64) -> [f64; 2] {
-    const STEPS: usize = 200;
+    driven(axis, force, |_, u| u)
+}
+
+/// Returns the same function for an actuator: `drive` returns its force in a small step from the number of the step and
+/// the command.
+fn driven(
+    axis: Axis,
+    force: impl Fn(f64, f64) -> f64,
+    drive: impl Fn(usize, f64) -> f64,
+) -> impl Fn([f64; 2], f64) -> [f64; 2] {
     let h = 1.0 / (RATE * STEPS as f64);
-    move |mut x, u| {
-        let rate = |x: [f64; 2]| [x[1], (u - axis.c * x[1] - axis.k * x[0] + force(x[0], x[1])) / axis.mass];
+    move |mut x, command| {
         let moved = |x: [f64; 2], k: [f64; 2], h: f64| [x[0] + h * k[0], x[1] + h * k[1]];
-        for _ in 0..STEPS {
+        for step in 0..STEPS {
+            let u = drive(step, command);
+            let rate = |x: [f64; 2]| [x[1], (u - axis.c * x[1] - axis.k * x[0] + force(x[0], x[1])) / axis.mass];
             let k1 = rate(x);
             let k2 = rate(moved(x, k1, h / 2.0));
             let k3 = rate(moved(x, k2, h / 2.0));
@@ -89,7 +118,6 @@ fn smooth(axis: Axis, force: impl Fn(f64, f64) -> f64) -> impl Fn([f64; 2], f64)
 /// Returns a function that integrates over one sample with friction that holds up to 0.3 and slides at 0.2. It takes
 /// small steps, and a step in which the velocity would change its sign ends at rest.
 fn sticking(axis: Axis) -> impl Fn([f64; 2], f64) -> [f64; 2] {
-    const STEPS: usize = 200;
     let h = 1.0 / (RATE * STEPS as f64);
     move |[mut d, mut v], u| {
         for _ in 0..STEPS {
@@ -122,6 +150,17 @@ enum Given {
 
 /// Writes a case of a quiet record and three driven ones. `std` is the standard deviation of the noise.
 fn written(sim: &Model, gains: [f64; 3], advance: Advance, std: f64, given: Given) -> TempDir {
+    written_by(sim, gains, &|| Box::new(advance), std, given)
+}
+
+/// Writes such a case, with a new system for each record.
+fn written_by<'a>(
+    sim: &Model,
+    gains: [f64; 3],
+    system: &dyn Fn() -> Box<dyn Fn([f64; 2], f64) -> [f64; 2] + 'a>,
+    std: f64,
+    given: Given,
+) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let put = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
     let mut sim = sim.clone();
@@ -138,7 +177,7 @@ fn written(sim: &Model, gains: [f64; 3], advance: Advance, std: f64, given: Give
     for (k, level) in [0.0, 0.02, 0.01, 0.02].into_iter().enumerate() {
         let r = reference(k as u64 + 1, level);
         let noise: Vec<f64> = random_input(k as u64 + 50, SAMPLES, 1)[0].iter().map(|e| std * e).collect();
-        let [y, u] = run(gains, advance, &r, &noise);
+        let [y, u] = run(gains, &*system(), &r, &noise);
         let rows: String = (0..SAMPLES).map(|k| format!("{:?},{:?},{:?}\n", r[k], u[k], y[k])).collect();
         put(&format!("r{k}.csv"), format!("r,u1,y1\n{rows}"));
         let excitation = if k == 0 { "zero" } else { "random" };
@@ -221,8 +260,19 @@ fn gains_within_a_loop_agree_with_small_steps() {
     }
 }
 
+/// Asserts that the first effect is one of a pair that makes the same records, and that the answer says so. Returns the
+/// effect.
+fn first_is_of<'d>(found: &'d Diagnosis, pair: [[&str; 2]; 2]) -> &'d NamedEffect {
+    let first = &found.effects[0];
+    let named = |[effect, location]: [&str; 2]| first.effect == effect && first.location == location;
+    assert!(pair.into_iter().any(named), "{}", found.sentence);
+    let same = |[effect, _]: [&str; 2]| found.not_separable.iter().flatten().any(|words| words.contains(effect));
+    assert!(pair.into_iter().all(same), "{}", found.sentence);
+    first
+}
+
 /// A weak actuator makes a slider respond like one with more mass and more damping. It is the simpler explanation. With
-/// one input and one output, a sensor with the same factor would make the same records.
+/// one input and one output, a sensor with the same factor makes the same records.
 #[test]
 fn a_weak_actuator_is_named_under_control() {
     let exact = smooth(SLIDER, |_, _| 0.0);
@@ -230,17 +280,139 @@ fn a_weak_actuator_is_named_under_control() {
     for given in [Given::References, Given::Commands] {
         let found = diagnosed_in(&written(&SLIDER.simulation(), GENTLE, &weak, 2e-5, given));
         assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
-        let first = first_is(&found, "actuator-gain", "input:u1");
+        let first = first_is_of(&found, [["actuator-gain", "input:u1"], ["sensor-gain", "output:y1"]]);
         assert_eq!(found.effects.len(), 1, "{given:?}: {}", found.sentence);
         let value = first.parameters["g"].value;
         assert!((value / 0.8 - 1.0).abs() < 0.02, "{given:?}: {value}: {}", found.sentence);
-        let same = found.not_separable.iter().flatten().any(|words| words.contains("sensor-gain"));
-        assert!(same, "{given:?}: {}", found.sentence);
     }
 }
 
-/// Friction that sticks, other forces at its location, and effects of the actuator.
-const RIVALS: [&str; 8] = [
+/// A true system: an actuator and a sensor.
+struct Truth {
+    effect: &'static dyn Effect,
+    place: Place,
+    parameters: Vec<f64>,
+    /// The force in a small step of a sample, from the number of the step and the command.
+    drive: Box<dyn Fn(usize, f64) -> f64>,
+    sensor: Box<dyn Fn(f64) -> f64>,
+}
+
+/// Returns an actuator.
+fn actuator(effect: &'static dyn Effect, parameters: &[f64], drive: impl Fn(usize, f64) -> f64 + 'static) -> Truth {
+    let (parameters, sensor) = (parameters.to_vec(), Box::new(|y| y));
+    Truth { effect, place: Place::Input(0), parameters, drive: Box::new(drive), sensor }
+}
+
+/// Returns a sensor.
+fn sensor(effect: &'static dyn Effect, parameters: &[f64], sensor: impl Fn(f64) -> f64 + 'static) -> Truth {
+    let (parameters, drive) = (parameters.to_vec(), Box::new(|_: usize, u: f64| u));
+    Truth { effect, place: Place::Output(0), parameters, drive, sensor: Box::new(sensor) }
+}
+
+/// Returns an actuator with a pole at a frequency in Hz: the mean of its force over each small step.
+fn lagging(hz: f64) -> Truth {
+    let (force, x) = (Cell::new(0.0), TAU * hz / (RATE * STEPS as f64));
+    actuator(&ActuatorLag, &[hz], move |_, u| {
+        let before = force.get() - u;
+        force.set(u + before * (-x).exp());
+        u - before * (-x).exp_m1() / x
+    })
+}
+
+/// Returns an actuator that is late by a number of samples.
+fn late(samples: f64) -> Truth {
+    let (steps, past) = ((samples * STEPS as f64).round() as usize, RefCell::new(VecDeque::new()));
+    past.borrow_mut().resize(steps, 0.0);
+    actuator(&ActuatorDelay, &[samples], move |_, u| {
+        past.borrow_mut().push_back(u);
+        past.borrow_mut().pop_front().unwrap()
+    })
+}
+
+/// Returns an actuator whose force changes at a limited rate.
+fn slow(per_second: f64) -> Truth {
+    let (force, most) = (Cell::new(0.0_f64), per_second / (RATE * STEPS as f64));
+    actuator(&ActuatorSlewLimit, &[per_second], move |_, u| {
+        force.set(force.get() + (u - force.get()).clamp(-most, most));
+        force.get()
+    })
+}
+
+fn truths() -> Vec<Truth> {
+    let (lagged, before, al) = (Cell::new(0.0), Cell::new([0.0; 2]), (-TAU * 15.0 / RATE).exp());
+    vec![
+        lagging(8.0),
+        late(1.5),
+        slow(8.0),
+        actuator(&ActuatorSaturation, &[0.5, 0.0], |_, u| u.clamp(-0.5, 0.5)),
+        actuator(&ActuatorDeadZone, &[0.05], |_, u| u.signum() * (u.abs() - 0.05).max(0.0)),
+        sensor(&SensorLag, &[15.0], move |y| {
+            lagged.set(al * lagged.get() + (1.0 - al) * y);
+            lagged.get()
+        }),
+        sensor(&SensorDelay, &[2.0], move |y| {
+            let [oldest, last] = before.replace([before.get()[1], y]);
+            before.set([last, y]);
+            oldest
+        }),
+        sensor(&SensorSaturation, &[0.015, 0.0], |y| y.clamp(-0.015, 0.015)),
+        sensor(&SensorOffset, &[0.002], |y| y + 0.002),
+    ]
+}
+
+/// Effects on commands and measurements act inside the loop, sample by sample.
+#[test]
+fn actuators_and_sensors_within_a_loop_agree_with_small_steps() {
+    let (r, still) = (reference(7, 0.02), vec![0.0; SAMPLES]);
+    for (axis, gains) in [(SLIDER, GENTLE), (PENDULUM, FIRM)] {
+        let (plant, setting) = closed(axis, gains);
+        let v = plant.controller.as_ref().unwrap().driven_by(std::slice::from_ref(&r));
+        let [without, _] = run(gains, &smooth(axis, |_, _| 0.0), &r, &still);
+        for Truth { effect, place, parameters, drive, sensor } in truths() {
+            let found = simulate(&plant, &effect.act(&setting, &place, &parameters), &v, 0.0, None, Fineness::FINE);
+            let [expected, _] = run_with_sensor(gains, &driven(axis, |_, _| 0.0, drive), &*sensor, &r, &still);
+            let apart = |a: &[f64], b: &[f64]| rms(a.iter().zip(b).map(|(a, b)| a - b));
+            let changed = apart(&expected, &without);
+            assert!(changed > 0.01 * rms(&without), "{} k {}: {changed}", effect.name(), axis.k);
+            let far = apart(&found[0], &expected) / changed;
+            println!("{} k {}: {far:.1e}", effect.name(), axis.k);
+            assert!(far < 1e-2, "{} k {}: {far}", effect.name(), axis.k);
+        }
+    }
+}
+
+/// The actuator of a slider under control lags, is late, or has a limit. The controller responds to the result. With one
+/// input and one output, a late sensor makes the same records as a late actuator.
+#[test]
+fn an_actuator_under_control_is_named() {
+    let truths: [(&str, &str, f64, fn() -> Truth); 3] = [
+        ("actuator-lag", "fp", 8.0, || lagging(8.0)),
+        ("actuator-delay", "tau", 1.5, || late(1.5)),
+        ("actuator-saturation", "a", 0.5, || actuator(&ActuatorSaturation, &[0.5, 0.0], |_, u| u.clamp(-0.5, 0.5))),
+    ];
+    for (name, parameter, size, truth) in truths {
+        for given in [Given::References, Given::Commands] {
+            let folder = written_by(
+                &SLIDER.simulation(),
+                GENTLE,
+                &|| Box::new(driven(SLIDER, |_, _| 0.0, truth().drive)),
+                1e-5,
+                given,
+            );
+            let found = diagnosed_among(read(folder.path()).unwrap(), &RIVALS);
+            assert_eq!(found.verdict, Verdict::Effects, "{given:?}: {}", found.sentence);
+            let first = match name {
+                "actuator-delay" => first_is_of(&found, [[name, "input:u1"], ["sensor-delay", "output:y1"]]),
+                _ => first_is(&found, name, "input:u1"),
+            };
+            let value = first.parameters[parameter].value;
+            assert!((value / size - 1.0).abs() < 0.05, "{given:?}: {parameter} {value}: {}", found.sentence);
+        }
+    }
+}
+
+/// Friction that sticks, other forces at its location, and effects of the actuator and the sensor.
+const RIVALS: [&str; 13] = [
     "stick-friction",
     "coulomb-friction",
     "quadratic-damping",
@@ -248,7 +420,12 @@ const RIVALS: [&str; 8] = [
     "cubic-stiffness",
     "backlash",
     "actuator-dead-zone",
+    "actuator-delay",
     "actuator-lag",
+    "actuator-saturation",
+    "actuator-slew-limit",
+    "sensor-delay",
+    "sensor-lag",
 ];
 
 #[test]
@@ -267,18 +444,24 @@ fn friction_that_sticks_is_named_on_a_slider_under_control() {
             assert!((value / size - 1.0).abs() < 0.1, "{given:?}: {name} {value}: {}", found.sentence);
         }
         assert_eq!(first.parameters["Fc"].unit, "N");
-        assert!(found.warnings.iter().any(|words| words.contains("actuator-lag") && words.contains("[simulator]")));
         assert!(!found.place.side_is_clear);
     }
 }
 
-/// Apart from gains and cross-talk, effects on the command are not tried, because they act inside the loop, sample by
-/// sample. The answer says so by name.
+/// If the plant also responds within a sample, effects on the command are not tried, apart from gains and cross-talk. The
+/// answer says so by name.
 #[test]
-fn other_effects_on_the_command_are_said_not_to_be_tried() {
+fn effects_on_the_command_are_said_not_to_be_tried_in_an_algebraic_loop() {
     let exact = smooth(SLIDER, |_, _| 0.0);
-    let case = read(written(&SLIDER.simulation(), GENTLE, &exact, 1e-5, Given::References).path()).unwrap();
-    let audit = crate::audit::audit(&case, &Library::standard(), &[], &mut |_| {}).unwrap();
+    let sim = SLIDER.simulation();
+    let read_case = |d: f64| {
+        let sim = Model { d: dmatrix![d], ..sim.clone() };
+        read(written(&sim, GENTLE, &exact, 1e-5, Given::References).path()).unwrap()
+    };
+    let audited = |case: &Case| crate::audit::audit(case, &Library::standard(), &[], &mut |_| {}).unwrap();
+    let without = audited(&read_case(0.0));
+    assert!(!without.case.warnings.iter().any(|words| words.starts_with("Not considered")));
+    let audit = audited(&read_case(1e-6));
     let said = audit.case.warnings.iter().find(|words| words.starts_with("Not considered")).unwrap();
     for kind in ["lag", "delay", "saturation", "dead-zone", "gain-drift"] {
         let name = format!("actuator-{kind}");

@@ -83,8 +83,8 @@ impl Bench {
     }
 
     /// Closes a loop from the first output, which answers to the input at once, to the first input. Its controller has
-    /// a state, and a reference where `refers` says so.
-    fn closed(mut self, refers: bool) -> Self {
+    /// a state, a reference where `refers` says so, and an answer within the sample where `direct` says so.
+    fn closed(mut self, refers: bool, direct: bool) -> Self {
         let gain = 0.02 * self.setting.u_rms[0] / self.setting.y_rms[0];
         let matrix =
             |rows: usize, columns: usize, entries: &[f64]| nalgebra::DMatrix::from_row_slice(rows, columns, entries);
@@ -95,10 +95,15 @@ impl Bench {
             law.inputs.truncate(1);
             (law.b, law.d) = (matrix(1, 1, &[-gain]), matrix(1, 1, &[-gain]));
         }
+        if !direct {
+            law.d[(0, 0)] = 0.0;
+        }
         let loop_of_both = plid_model::close_loop(&self.model, &law).unwrap();
         assert!(plid_model::stability(&loop_of_both).unwrap().unstable.is_empty());
         self.plant.close(Arc::new(Controller::new(&self.model, law).unwrap()));
         self.setting.plant = self.plant.clone();
+        let most = |y: &Vec<f64>| y.iter().fold(0.0, |most: f64, y| most.max(y.abs()));
+        self.setting.y_max = self.simulated(&[], &[]).iter().map(most).collect();
         self
     }
 
@@ -277,6 +282,20 @@ struct Benches {
     /// Accelerations without filters under control, by a reference and by what is added to the command.
     led: Bench,
     held: Bench,
+    /// The same under a controller that answers after a sample, and with filters; effects act on their channels.
+    late: Bench,
+    filtered: Bench,
+}
+
+/// Returns whether an effect changes commands or measurements of free runs.
+fn is_on_a_channel(effect: &dyn Effect, setting: &Setting) -> bool {
+    let is_channel = |action: &Action| matches!(action, Action::Command(_) | Action::Sensor(_));
+    [Place::Input(0), Place::Output(0)].iter().filter(|place| effect.places(setting).contains(place)).any(|place| {
+        effect
+            .starts(setting, place)
+            .first()
+            .is_some_and(|start| effect.act(setting, place, start).iter().all(is_channel))
+    })
 }
 
 impl Benches {
@@ -321,14 +340,16 @@ impl Benches {
                 model.d.column_mut(0).unscale_mut(there);
                 model
             }),
-            led: bench(Rig::with(16, |truss| truss.filter_hz = None), &|model| model).closed(true),
-            held: bench(Rig::with(17, |truss| truss.filter_hz = None), &|model| model).closed(false),
+            led: bench(Rig::with(16, |truss| truss.filter_hz = None), &|model| model).closed(true, true),
+            held: bench(Rig::with(17, |truss| truss.filter_hz = None), &|model| model).closed(false, true),
+            late: bench(Rig::with(19, |truss| truss.filter_hz = None), &|model| model).closed(true, false),
+            filtered: bench(Rig::new(20), &|model| model).closed(false, true),
         }
     }
 
     /// Every effect at a location of each kind at which it may act, and its free shape there; then several together.
     fn cases<'a>(&'a self, library: &'a Library) -> Vec<Case<'a>> {
-        let Self { declared, open, inferred, discrete, tested, servo, led, held } = self;
+        let Self { declared, open, inferred, discrete, tested, servo, led, held, late, filtered } = self;
         let get = |name: &str| library.get(name).unwrap();
         let free = |name: &str| Flexible::named(name).unwrap() as &dyn Effect;
         let mut cases: Vec<Case> = Vec::new();
@@ -377,6 +398,23 @@ impl Benches {
             let sent = (get("actuator-crosstalk"), Place::InputToInput(0, 1));
             let read = (get("sensor-crosstalk"), Place::OutputToOutput(1, 0));
             cases.push((bench, vec![sent, read, force("cubic-stiffness")]));
+        }
+        let mut of_channels: Vec<(&dyn Effect, Place)> = Vec::new();
+        for effect in library.effects() {
+            let places = effect.places(&late.setting);
+            let place = [Place::Input(0), Place::Output(0)].into_iter().find(|place| places.contains(place));
+            let Some(place) = place.filter(|_| is_on_a_channel(effect, &late.setting)) else { continue };
+            let shape = effect.free_shape().map(|shape| shape as &dyn Effect);
+            for effect in [Some(effect), shape].into_iter().flatten() {
+                if of_channels.iter().all(|(other, _)| other.name() != effect.name()) {
+                    of_channels.push((effect, place.clone()));
+                }
+            }
+        }
+        for bench in [late, filtered] {
+            cases.extend(of_channels.iter().map(|one| (bench, vec![one.clone()])));
+            let (sent, read) = ((get("actuator-lag"), Place::Input(0)), (get("sensor-delay"), Place::Output(0)));
+            cases.push((bench, vec![sent, read, (get("stick-friction"), Place::Input(0))]));
         }
         let many = vec![
             (get("actuator-lag"), Place::Input(0)),

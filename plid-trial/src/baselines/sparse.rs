@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::case::Channels;
-use plid_gap::effects::{Action, Command, Drive, Force, Sampling, Sensor, Setting};
+use plid_gap::effects::{Action, Command, Drive, Force, Memory, Sampling, Sensor, Setting, continued};
 use plid_gap::research::{Fineness, Plant, Problem, simulate};
 use serde::{Deserialize, Serialize};
 
@@ -397,7 +397,7 @@ struct Added {
 }
 
 impl Command for Added {
-    fn apply(&self, drive: &mut Drive) {
+    fn apply(&self, drive: &mut Drive, memory: &mut Memory) {
         let (parts, step, t0) = (drive.parts, drive.step(), drive.t0);
         let (from, to) = match self.term {
             Term::Command { from, to, .. } => (from, to),
@@ -405,10 +405,11 @@ impl Command for Added {
             _ => return,
         };
         let source = drive.u[from].clone();
+        let earlier = continued(memory.past(parts, 0.0), &source);
         for (k, value) in drive.u[to].iter_mut().enumerate() {
             let added = match self.term {
                 Term::Command { power, .. } => source[k].powi(power),
-                Term::CommandStep { .. } => source[k] - if k < parts { 0.0 } else { source[k - parts] },
+                Term::CommandStep { .. } => source[k] - earlier[k],
                 _ => (t0 + k as f64 * step) * source[k],
             };
             *value += self.coefficient * added;
@@ -417,17 +418,18 @@ impl Command for Added {
 }
 
 impl Sensor for Added {
-    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling) {
+    fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling, memory: &mut Memory) {
         let (from, to) = match self.term {
             Term::Output { from, to, .. } => (from, to),
             Term::OutputStep { output } | Term::OutputTrend { output } => (output, output),
             _ => return,
         };
         let source = y[from].clone();
+        let earlier = continued(memory.past(1, 0.0), &source);
         for (k, value) in y[to].iter_mut().enumerate() {
             let added = match self.term {
                 Term::Output { power, .. } => source[k].powi(power),
-                Term::OutputStep { .. } => source[k] - if k == 0 { 0.0 } else { source[k - 1] },
+                Term::OutputStep { .. } => source[k] - earlier[k],
                 _ => sampling.time(k),
             };
             *value += self.coefficient * added;
@@ -506,7 +508,9 @@ mod tests {
     fn what_a_term_adds_is_its_monomial() {
         let mut y = vec![vec![1.0, 2.0, 3.0], vec![10.0, 20.0, 30.0]];
         let sampling = Sampling { t0: 5.0, rate: 10.0, at_rest: true };
-        let apply = |term: Term, y: &mut Vec<Vec<f64>>| Sensor::apply(&Added { term, coefficient: 2.0 }, y, sampling);
+        let apply = |term: Term, y: &mut Vec<Vec<f64>>| {
+            Sensor::apply(&Added { term, coefficient: 2.0 }, y, sampling, &mut Memory::default())
+        };
         apply(Term::Output { from: 0, to: 1, power: 2 }, &mut y);
         assert_eq!(y[1], [12.0, 28.0, 48.0]);
         apply(Term::OutputStep { output: 0 }, &mut y);
@@ -514,7 +518,11 @@ mod tests {
         apply(Term::OutputTrend { output: 0 }, &mut y);
         assert_eq!(y[0], [13.0, 14.2, 15.4]);
         let mut drive = Drive { parts: 2, u: vec![vec![1.0, 2.0, 4.0, 8.0]], rate: 1.0, t0: 0.0 };
-        Command::apply(&Added { term: Term::CommandStep { input: 0 }, coefficient: 1.0 }, &mut drive);
+        Command::apply(
+            &Added { term: Term::CommandStep { input: 0 }, coefficient: 1.0 },
+            &mut drive,
+            &mut Memory::default(),
+        );
         assert_eq!(drive.u[0], [2.0, 4.0, 7.0, 14.0]);
         assert_eq!(Power { d: 2, v: 1, coefficient: 3.0 }.force(2.0, 5.0, &[]), 60.0);
     }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use plid_gap::effects::{Action, Effect, Place, Sampling};
+use plid_gap::effects::{Action, Effect, Memory, Place, Sampling};
 
 use super::{Check, Rig, T0};
 use crate::truss::RATE;
@@ -93,7 +93,7 @@ fn delay(effect: &dyn Effect) -> f64 {
         let mut y = vec![record.clone(); 2];
         for action in effect.act(&rig.setting, &Place::Output(OUTPUT), &[tau]) {
             let Action::Sensor(sensor) = action else { panic!("a delay acts on the samples") };
-            sensor.apply(&mut y, Sampling { t0: T0, rate: RATE, at_rest: true });
+            sensor.apply(&mut y, Sampling { t0: T0, rate: RATE, at_rest: true }, &mut Memory::default());
         }
         assert_eq!(y[0], record, "the other output is unchanged");
         let changed = truth::size(&truth::minus(std::slice::from_ref(&truth), std::slice::from_ref(&record)));
