@@ -113,9 +113,9 @@ fn rescale(all: &mut Vec<Explanation>, are: &dyn Fn(&Explanation) -> bool, [leas
     }
 }
 
-/// Keeps the explanations of the kind `are` ahead of the other ones of the vocabulary, as likelihoods rank them. That
-/// the first explanation is right less often than they claim does not mean that another one is right instead, so what
-/// another one would have in excess belongs to something else.
+/// Keeps the explanations of the kind `are` ahead of the others of the vocabulary, as likelihoods rank them. If the
+/// first explanation is right less often than its likelihood claims, another one is not necessarily right instead. The
+/// probability by which another one would exceed the first is therefore given to something else.
 fn keep_ahead(all: &mut Vec<Explanation>, are: &dyn Fn(&Explanation) -> bool) {
     let first = all.iter().filter(|one| are(one)).map(|one| one.probability).fold(0.0, f64::max);
     if first <= 0.0 {
@@ -200,8 +200,8 @@ mod tests {
         }
     }
 
-    /// Returns the confidence of a lag, and the explanations by it, by a delay and by something else. Of the lag and of
-    /// the explanation by it, calibration says these probabilities.
+    /// Returns the confidence of a lag, and the explanations by it, by a delay and by something else. Calibration
+    /// assigns these probabilities to the lag and to the explanation by it.
     fn of_lag(before: [f64; 3], [acts, complete]: [f64; 2]) -> (f64, Vec<(String, f64)>) {
         let explanations = vec![
             explanation(&["sensor-lag"], false, before[0]),
@@ -248,7 +248,7 @@ mod tests {
         assert_eq!(all[0].0, "sensor-lag");
     }
 
-    /// With nothing missing as the answer, its probability is the calibrated one, too.
+    /// If the answer is that nothing is missing, its probability is the calibrated one, too.
     #[test]
     fn nothing_is_not_raised_above_its_calibration() {
         let calibration = Calibration { nothing: always(0.2), ..Calibration::default() };

@@ -13,8 +13,8 @@ use crate::prepare::port_motion;
 /// infinite.
 const MOST_TIMES: f64 = 1e3;
 
-/// Typical ratio between records of one level, of which the peaks of a motion vary most. A smaller excess does not
-/// deserve a warning.
+/// Typical ratio between the sizes of a signal in records of one level; the peaks of a motion vary most. A smaller
+/// excess does not deserve a warning.
 const JUST_BEYOND: f64 = 1.25;
 
 /// Sizes of the signals in the fitted records; each is the largest over all records. The motion is that of the linear
@@ -47,7 +47,7 @@ impl Beyond {
     }
 
     /// Returns the share of the effects' correction that is uncertain. A law holds beyond the fitted range as well,
-    /// although less surely. Of a curve without a law, nothing is known clearly beyond that range.
+    /// although with less certainty. If the excess is clear, nothing is known of a curve without a law.
     fn uncertain(&self, is_curve: bool) -> f64 {
         if is_curve && self.is_clear() { 1.0 } else { 1.0 - 1.0 / self.times }
     }

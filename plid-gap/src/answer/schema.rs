@@ -242,7 +242,7 @@ pub struct Diagnosis {
     /// The statements of the verdict, of further effects and of the remainder, with the basis of their probabilities.
     #[serde(default)]
     pub statements: Vec<Statement>,
-    /// The curves of the named laws at ports that have no memory.
+    /// The curves of the named laws without memory at ports.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub shapes: Vec<Shape>,
     /// Statistics of the first explanation, for trials of what separates right causes from wrong ones. `None` if the

@@ -75,8 +75,8 @@ mod tests {
         in_words(&prepare(&model, &case.records, &Known::default()).unwrap(), &[])
     }
 
-    /// Noise that is declared as 0.7 or 1.5 times the true one is said for its output. A deviation by 10 % in a short
-    /// record is not, and neither is any deviation that no record shows.
+    /// If the declared noise of an output is 0.7 or 1.5 times the true one, the answer says so. It reports neither a
+    /// deviation of 10 % in a short record nor a deviation that no record shows.
     #[test]
     fn a_wrongly_declared_noise_is_said() {
         let mut case = testing::case(&testing::truss(1), &testing::truss(1));

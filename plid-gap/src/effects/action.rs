@@ -148,7 +148,7 @@ pub enum Action {
     Command(Box<dyn Command>),
     /// Changes the plant before a run.
     Plant(Box<dyn Fn(&mut Plant) + Send + Sync>),
-    /// Adds a linear force at a port (its number). It acts after all other changes of the plant, because it couples
+    /// Adds a linear force at a port (its number). It acts after the changes by [`Action::Plant`], because it couples
     /// the modes.
     Load(usize, Load),
     /// Passes the force that accelerates a port (its number) through a lag with this pole in rad/s. It acts after all
@@ -169,8 +169,8 @@ pub enum Action {
 }
 
 impl Action {
-    /// Returns whether a simulator that can only be run can be run with the action, because the action does not change
-    /// the modes of the plant.
+    /// Returns whether the action can be applied to a simulator of which only runs are available, because the action
+    /// does not change the modes of the plant.
     pub fn suits_any_simulator(&self) -> bool {
         !matches!(self, Self::Plant(_) | Self::Stiffness(_) | Self::Lag(..))
     }

@@ -1,8 +1,8 @@
 use super::{Action, Command, Drive, Effect, Flexible, Memory, Parameter, Place, Range, Setting, Side};
 
-/// Upper limit of alpha. At a reversal, the slope of u' is 1 - alpha times that of the command. Among 29 hysteretic
-/// actuators in development, the largest alpha was 0.88, at a gap of 26 %. In eight cases with actuators that stick
-/// at each reversal, the fitted alpha was 0.95 to 1.18.
+/// Value of alpha above which the effect has a caveat. At a reversal, the slope of u' is 1 - alpha times that of the
+/// command. Among 29 hysteretic actuators in development, the largest alpha was 0.88, at a gap of 26 %. In eight cases
+/// with actuators that stick at each reversal, the fitted alpha was 0.95 to 1.18.
 const STANDS_STILL: f64 = 0.9;
 
 /// A piezoelectric or magnetic actuator whose output depends on the history of the command.

@@ -417,7 +417,7 @@ struct OutputTaps {
 
 impl Sensor for OutputTaps {
     fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling, memory: &mut Memory) {
-        // The value is zero before the record, and the last one after it.
+        // Before the record, the value is zero. After it, the last value is held.
         let reach = self.back[self.back.len() - 1].unsigned_abs();
         let from = continued(memory.past(reach, 0.0), &y[self.o]);
         let last = from.len().saturating_sub(1);

@@ -19,7 +19,7 @@ const EXPONENT: f64 = -0.5;
 /// The least exponent. At -1, all elements would slip immediately.
 const LEAST_EXPONENT: f64 = -0.95;
 
-/// The largest exponent. Segalman's exponents are at most 0; the remainder allows for errors of a fit. Far above this
+/// The largest exponent. Segalman's exponents are at most 0; values above 0 allow for errors of a fit. Far above this
 /// limit, most elements slip together, and the joint yields at a single displacement: it is then a joint-hysteresis
 /// with another knee.
 const LARGEST_EXPONENT: f64 = 0.2;

@@ -15,8 +15,8 @@ const HELD_YIELDS: [f64; 2] = [0.4, 1.2];
 /// (Y.-K. Wen, J. Eng. Mech. Div. ASCE 102, 1976).
 ///
 /// On a single mode, the simulation treats the joint as stuck, as it does if it was identified at a low level: the
-/// joint's spring k is part of the mode's stiffness and is removed there. The same holds with h but no s for a
-/// structure of a single mode. At other ports, s is the share of k that the simulation contains.
+/// joint's spring k is part of the mode's stiffness and is removed there. For a structure of a single mode, the same
+/// holds if h is given and s is omitted. At other ports, s is the share of k that the simulation contains.
 pub struct JointHysteresis;
 
 impl Effect for JointHysteresis {

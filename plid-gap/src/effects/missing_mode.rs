@@ -85,7 +85,7 @@ mod tests {
     use crate::prepare::{Known, prepare};
     use crate::testing;
 
-    /// A mode of 186 Hz is missing. It is a mode only within the band that counts, and in no other band is it offered.
+    /// A mode at 186 Hz is missing. It is offered and accepted as a mode only if it lies within the band that counts.
     #[test]
     fn a_missing_mode_lies_in_the_band() {
         let sim = testing::truss_with(1, |_, shapes, _| shapes.row_mut(2).fill(0.0));

@@ -13,7 +13,7 @@ use crate::simulate::Fineness;
 /// The effort of a fit that starts from the fit to all records.
 const FROM_ALL: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
-/// Number of standard deviations within which 80 % of a normal variable lie.
+/// Number of standard deviations about the mean within which a normal variable lies with a probability of 80 %.
 const EIGHTY: f64 = 1.28;
 
 /// An expected gap with its interval.
@@ -144,8 +144,8 @@ impl<'p> Crossed<'p> {
     /// Returns the gap to expect on a record of a level, given that the model of all fitted records left the gap
     /// `left` on held-out records. The models behind `at` are fitted to fewer records than the answer, so their gap
     /// is too large if each record contains information that the others lack. The held-out records show by how much.
-    /// Beyond the reach of a free shape, the whole correction is uncertain, and a gap that is smaller than that says
-    /// nothing about lower levels.
+    /// Beyond the reach of a free shape, the whole correction is uncertain. A gap that is smaller than the one expected
+    /// there says nothing about lower levels.
     pub fn in_view_of(&self, held_out: &[Record], left: f64, level: f64) -> Stated {
         let samples: usize = held_out.iter().map(Record::samples).sum();
         let square = |record: &Record| record.samples() as f64 * record.level().powi(2);

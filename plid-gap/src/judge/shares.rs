@@ -36,8 +36,8 @@ pub struct Share {
 ///
 /// If the simulation is imperfect, an effect may make a much larger gap than it closes, because a refit can imitate
 /// it: a damping ratio that is off by a quarter, or a joint in records of one level. A small effect that no refit can
-/// imitate would then lead. Without any refit, the main cause closes most of the gap as given by itself, and opens as
-/// much if it alone is removed.
+/// imitate would then lead. The effects are therefore also compared without any refit: the main cause alone closes most
+/// of the gap as given, and its removal alone opens as much of it.
 pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share> {
     let problem = &explained.ready.problem;
     let fit = explained.fit();
@@ -108,8 +108,8 @@ pub(crate) fn closed_share(runs: [&Blocks; 3], floor: f64) -> Estimate {
 /// Two laws at one place may represent one law of another shape. Either of them then replaces most of the other, and
 /// neither closes much in addition to the other. The law that the search found first explains most alone, and it
 /// receives the share of both together. A linear law does not lead: the part that only the nonlinear law closes shows
-/// that the law is nonlinear. If all are linear, such as a gain and a lag, the law leads that closes most of the gap
-/// as given.
+/// that the law is nonlinear. If all are linear, such as a gain and a lag, the law that closes most of the gap as given
+/// leads.
 fn give_to_leaders(
     shares: &mut [Share],
     named: &[Placed],

@@ -9,8 +9,8 @@ use crate::fit::problem::Placed;
 use crate::judge::explained::Explained;
 use crate::settings::JudgeSettings;
 
-/// The name, in the basis, of the quantity that tells whether a parameter is at the limit of what its effect's name
-/// means.
+/// The name, in the basis, of the quantity that states whether a parameter is at the limit of the range in which its
+/// effect's name applies.
 pub(crate) const AT_LIMIT: &str = "at-limit";
 
 /// The kind of a statement.
@@ -28,7 +28,7 @@ pub enum About {
     Nothing,
     /// Something outside the vocabulary is at work.
     Unknown,
-    /// A cause that the answer does not name makes more than the case calls material.
+    /// A cause that the answer does not name makes a larger gap than the case calls material.
     Remainder,
 }
 
@@ -62,8 +62,8 @@ pub struct Statement {
 }
 
 /// Returns the quantities that the calibration considers for an explanation, all between zero and one: whether the
-/// simulation is imperfect as a whole, how faint the effects are, and whether a parameter is at the limit of what the
-/// effect's name means.
+/// simulation is imperfect as a whole, how faint the effects are, and whether a parameter is at the limit of the range
+/// in which the effect's name applies.
 pub(crate) fn basis(explained: &Explained) -> BTreeMap<String, f64> {
     let Explained { ready, refitted, found, .. } = explained;
     let (fit, settings) = (explained.fit(), &ready.problem.settings.judge);
@@ -78,7 +78,7 @@ pub(crate) fn basis(explained: &Explained) -> BTreeMap<String, f64> {
     basis.map(|(name, value)| (name.to_owned(), value)).into()
 }
 
-/// Returns whether a parameter of an effect is at the limit of what the effect's name means.
+/// Returns whether a parameter of an effect is at the limit of the range in which the effect's name applies.
 pub(crate) fn are_at_limit(effects: &[Placed]) -> bool {
     effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some())
 }

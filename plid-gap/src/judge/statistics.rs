@@ -73,8 +73,8 @@ fn left(gaps: &Gap) -> [(&'static str, f64); 4] {
     ]
 }
 
-/// Returns the log likelihood ratios of the fitted records to the refit and to the best rival, as they are and
-/// tempered.
+/// Returns the log likelihood ratios of the explanation to the refit and to the best rival on the fitted records, both
+/// untempered and tempered.
 fn likelihoods(explained: &Explained, first: &Placed) -> [(&'static str, f64); 4] {
     let candidates = &explained.found.candidates;
     let own = candidates.iter().find(|one| all_same(&one.effects, &explained.found.best.effects));

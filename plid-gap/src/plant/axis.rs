@@ -12,8 +12,9 @@ const SLOW_AND_FAST: [f64; 2] = [1e-3, 0.25];
 /// The axis is the port between the input and the collocated output. Of the outputs that sense a position or a
 /// velocity, or are declared to sense an acceleration, this is the one to which the input contributes the largest
 /// share. A velocity gives the displacement only if a spring holds the axis. Otherwise the displacement is not a
-/// combination of the states. If the velocity is declared as such, its integral is then a further state. What falls
-/// with frequency as the speed of a motor does may also be a temperature, whose integral is nothing.
+/// combination of the states. If the velocity is declared as such, its integral is then a further state. An undeclared
+/// output whose response falls with frequency like the speed of a motor may also be a temperature, whose integral has
+/// no meaning.
 ///
 /// If no output measures a motion, the input itself may be a motion and an output the force that it requires, as for
 /// a damper on a testing machine. `kinds` are the declared kinds of the outputs.

@@ -2,8 +2,8 @@
 //!
 //! A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k): a displacement for
 //! k = 0, a velocity for k = 1, an acceleration for k = 2. The order k determines how a changed mode changes the
-//! outputs, and the motion of the modes where an actuator acts. An output that is declared as a force or as something
-//! else, such as a temperature, measures no motion and has no order.
+//! outputs. It also determines the motion of the modes at an actuator. An output that is declared as a force or as
+//! something else, such as a temperature, measures no motion and has no order.
 
 use std::f64::consts::TAU;
 
@@ -113,8 +113,8 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     }
 }
 
-/// Returns the mean distance of the responses of all outputs that measure a motion from those of the actuators, modes,
-/// filters and sensors together; NaN if it is not known.
+/// Returns the sum, over all outputs that measure a motion, of the distances of their responses from those of the
+/// actuators, modes, filters and sensors together, divided by the number of all outputs; NaN if it is not known.
 pub(super) fn misfit(plant: &Plant) -> f64 {
     let of = |o: usize| plant.sensed[o].order().map(|order| distance(plant, o, order));
     (0..plant.p).filter_map(of).sum::<f64>() / plant.p as f64

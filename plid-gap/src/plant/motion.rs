@@ -73,7 +73,7 @@ impl Plant {
         Row { modes, rest }
     }
 
-    /// Returns the row of a row's derivative.
+    /// Returns the row that gives the derivative of a row.
     fn slope(&self, row: &Row, a: &DMatrix<f64>) -> Row {
         Row {
             modes: row.modes.iter().zip(&self.modes).map(|(row, mode)| row * mode.pole).collect(),

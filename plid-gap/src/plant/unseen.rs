@@ -42,8 +42,9 @@ impl NonModal {
 }
 
 impl Plant {
-    /// Adds the displacement of an output to the states if the output shows a velocity whose integral no combination
-    /// of the states is. The displacement counts from where it begins. Nothing changes in a plant with modes.
+    /// Adds the displacement of an output to the states if the output shows a velocity whose integral is not a
+    /// combination of the states. The displacement is measured from its initial value. Nothing changes in a plant with
+    /// modes.
     pub(super) fn integrate(&mut self, output: usize) {
         let shown = if self.modes.is_empty() { self.motion(output) } else { None };
         let Some(velocity) = shown.filter(|motion| motion.displacement.is_none()).map(|motion| motion.velocity.rest)
@@ -71,7 +72,7 @@ impl Plant {
     }
 
     /// Returns whether the displacement at a port is only the integral of its velocity: a state that nothing depends
-    /// on, and whose beginning no output shows.
+    /// on, and whose initial value no output shows.
     pub(crate) fn integrates(&self, port: &Port) -> bool {
         let row: &DVector<f64> = &port.displacement_rest;
         let seen = self.rest.seen().min(row.len());

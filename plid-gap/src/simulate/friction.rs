@@ -46,8 +46,8 @@ impl Part {
     }
 
     /// The port is at rest. The force that keeps it there is a straight line: it brings back both the displacement
-    /// and the velocity. Where the displacement is not known, it is held. The port slides off as soon as this force
-    /// exceeds its limit.
+    /// and the velocity. If the displacement is not known, the force is constant. The port slides off as soon as this
+    /// force exceeds its limit.
     #[inline]
     fn leaving_rest(&self, most: f64, by: &Response) -> Switched {
         let ([d_held, v_held], [d_ramp, v_ramp]) = (by.held, by.ramp);
@@ -70,8 +70,9 @@ impl Part {
         Switched { start, change, force: end, slides: 0.0 }
     }
 
-    /// The velocity passes zero. The instant follows from the velocities at both ends, between which the friction grows
-    /// to its limit. From there, the port is held as far as the limit allows, or else slides off to the other side.
+    /// The velocity passes through zero. The instant follows from the velocities at both ends of the part, over which
+    /// the friction is assumed to change linearly to its limit. From this instant on, the port is held if the limit
+    /// allows it. Otherwise, it slides off in the other direction.
     #[inline]
     fn to_rest(&self, most: f64, by: &Response) -> Switched {
         let (v, v_held) = (self.from[1], by.held[1]);

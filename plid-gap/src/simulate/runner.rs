@@ -151,7 +151,7 @@ struct Hold {
     force: f64,
     /// The linear change of the force over a part in which it switches.
     change: f64,
-    /// The share of a part at the end of which the port slides.
+    /// The share of a part, up to its end, in which the port slides.
     slides: f64,
 }
 

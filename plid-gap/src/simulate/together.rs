@@ -89,7 +89,7 @@ impl<'r> Applied<'r> {
             .partition(|&(port, _): &(usize, &dyn Force)| plant.ports[port].moved_by().is_some());
         let mut drive = Drive::new(run.u, plant.rate, run.t0);
         if plant.controller.is_some() {
-            // The effects act on the whole command, of which the controller adds its part at each sample.
+            // The effects act on the whole command, to which the controller adds its part at each sample.
             drive.refine(between(plant, &run).parts());
         } else {
             for action in run.actions {
