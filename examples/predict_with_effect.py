@@ -6,6 +6,7 @@
 t0 is the time since the first record began, in s, which drifts and hum need. The default is the end of the last record.
 To add an effect to your own simulator, copy its function, and the lines of `simulate` that call it.
 """
+import copy
 import json
 import math
 import re
@@ -130,18 +131,19 @@ def free_path(x, p, back):
     return x + sum(s * (then - x) for s, then in zip(p["s"], other))
 
 
-def delayed(x, steps, memory):
-    """Delayed by any number of steps: a step between two edges has Lagrange's weights on six edges, whose moments are
-    right up to the fifth."""
-    first = max(0, int(steps) - 2)
-    weights = [np.prod([(steps - first - i) / (j - i) for i in range(6) if i != j]) for j in range(6)]
-    whole = np.concatenate([memory.get("past", np.zeros(first + 5)), x])
+def delayed(x, steps, edges, memory):
+    """Delayed by any number of steps, with Lagrange's weights on so many values about that instant."""
+    first = max(0, int(steps) - edges // 2 + 1)
+    weights = [np.prod([(steps - first - i) / (j - i) for i in range(edges) if i != j]) for j in range(edges)]
+    last = edges - 1
+    whole = np.concatenate([memory.get("past", np.zeros(first + last)), x])
     memory["past"] = whole[len(x):]
-    return sum(weight * whole[5 - j:len(x) + 5 - j] for j, weight in enumerate(weights))
+    return sum(weight * whole[last - j:len(x) + last - j] for j, weight in enumerate(weights))
 
 
 def actuator_delay(x, p, t, h):
-    return delayed(x, p["tau"] * p["parts"], p["memory"])
+    # A step between two edges of the parts is spread over six edges: its moments are right up to the fifth.
+    return delayed(x, p["tau"] * p["parts"], 6, p["memory"])
 
 
 def actuator_lag(x, p, t, h):
@@ -181,7 +183,7 @@ def sensor_lag(x, p, t, h):
 
 def sensor_delay(x, p, t, h):
     if p["in_loop"]:  # A controller reads it, so it depends on earlier samples alone.
-        return delayed(x, p["tau"], p["memory"])
+        return delayed(x, p["tau"], 4 if p["tau"] < 2 else 6, p["memory"])
     # Of linear phase over the whole band. Behind the record stands its point reflection about the last sample, which
     # fades to zero within 64 samples, so that the record does not end with a jump. The length has no prime factors
     # above 5, as plid has it; it shows a little at both ends.
@@ -359,7 +361,7 @@ class Loop:
                        if not self.references or name not in law["outputs"]]
         self.drivers = self.references + [model["inputs"][i] for i in self.others]
         self.names, self.rate = (model["inputs"], model["outputs"]), model["sample_rate_hz"]
-        self.commands, self.sensors, self.measured = [], [], None
+        self.commands, self.sensors = [], []
 
     def driven_by(self, given):
         """The inputs without the feedback, from the references and the inputs that the controller does not drive."""
@@ -374,31 +376,31 @@ class Loop:
     def take(self, effects):
         """Takes the effects on commands and measurements, each with a memory."""
         self.commands = [(*effect, {}) for effect in effects if effect[0] in COMMANDS]
-        self.sensors = [(*effect, {}) for effect in effects if effect[0] in SENSORS]
+        # The fits add what a truncating converter takes to the records, so that a controller reads values without it.
+        self.sensors = [(*effect, {}) for effect in effects
+                        if effect[0] in SENSORS and effect[0] != "sensor-quantisation"]
 
     def answer(self, v, y, d, t, parts):
         """The commands in the parts of a sample, by their part without feedback and the outputs without direct
         feedthrough (inputs x parts)."""
-        self.measured = self.measure(y, t) if np.any(self.d) else None
-        fed = self.d @ self.measured if np.any(self.d) else 0.0
+        fed = self.d @ self.measure(y, t, copy.deepcopy(self.sensors)) if np.any(self.d) else 0.0
         command = np.linalg.solve(np.eye(len(v)) - self.d @ d, v + self.c @ self.x + fed)
-        u = np.repeat(command[:, None], parts, axis=1)
+        u, own = command[:, None], 1
         for name, location, p, memory in self.commands:
-            change(COMMANDS[name], u, location, self.names[0], {**p, "parts": parts}, np.full(parts, t),
-                   1 / (self.rate * parts), memory)
-        return u
+            u, own = refined(u, own, PARTS.get(name, 1))
+            change(COMMANDS[name], u, location, self.names[0], {**p, "parts": own}, np.full(own, t),
+                   1 / (self.rate * own), memory)
+        return np.repeat(u, parts // own, axis=1)
 
-    def measure(self, y, t):
+    def measure(self, y, t, sensors):
         """The outputs at a sample as the controller reads them."""
         y = y[:, None].copy()
-        for name, location, p, memory in self.sensors:
+        for name, location, p, memory in sensors:
             change(SENSORS[name], y, location, self.names[1], p, np.array([t]), 1 / self.rate, memory)
         return y[:, 0]
 
-    def read(self, y, d, t):
-        if self.measured is None or np.any(d):
-            self.measured = self.measure(y, t)
-        self.x = self.a @ self.x + self.b @ self.measured
+    def read(self, y, t):
+        self.x = self.a @ self.x + self.b @ self.measure(y, t, self.sensors)
 
 
 def simulate(file, u, t0):
@@ -585,7 +587,7 @@ def structure(model, q, u, parts, t, forces, pushes, drifts, loop):
                     u[:, part:part + parts] = loop.answer(u[:, part], c @ x + at_once @ f, d, t[k], parts)
                 y[:, k] = c @ x + d @ u[:, part] + at_once @ f  # sampled before the disturbance's next value acts
                 if loop:
-                    loop.read(y[:, k], d, t[k])
+                    loop.read(y[:, k], t[k])
                 f[count:] = [signal[k] for signal, _ in pushes]
             x = step @ x + add @ u[:, part] + held @ f
             if waits and part == (k + 1) * parts - 1:

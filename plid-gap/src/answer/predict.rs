@@ -104,7 +104,7 @@ impl Predictor {
                 None => effect.act(&setting, &place, &parameters),
             });
         }
-        if plant.loops_within_sample() && actions.iter().any(Action::is_on_channel) {
+        if plant.loops_within_sample() && actions.iter().any(Action::is_between) {
             let why = "its effects act between a controller and a model that both respond within a sample";
             return Err(malformed(format!("{why}, which cannot be simulated")));
         }

@@ -5,7 +5,7 @@
 use plid_model::Model;
 
 use crate::case::Case;
-use crate::effects::{Effect, Library, Place, Setting, Side};
+use crate::effects::{Action, Effect, Library, Place, Setting, Side};
 use crate::error::GapError;
 use crate::plant::Plant;
 
@@ -43,10 +43,14 @@ pub fn leave_out(
 /// loop.
 fn outside(setting: &Setting, library: &Library, without: &[String]) -> Vec<String> {
     let is_channel = |place: &Place| matches!(place, Place::Input(_) | Place::AllInputs | Place::Output(_));
+    let acts_between = |effect: &dyn Effect, place: &Place| {
+        let starts = effect.starts(setting, place);
+        starts.iter().any(|start| effect.act(setting, place, start).iter().any(Action::is_between))
+    };
     let acts_outside = |effect: &dyn Effect| match effect.side() {
         Side::Actuator | Side::Sensor => true,
         Side::Time => effect.places(setting).iter().any(is_channel),
-        Side::Structure | Side::Disturbance => false,
+        Side::Structure | Side::Disturbance => effect.places(setting).iter().any(|place| acts_between(effect, place)),
     };
     let left_out = |effect: &&dyn Effect| {
         !effect.is_stochastic()

@@ -265,7 +265,9 @@ impl<'a> Searched<'a> {
             given_cost,
             refused: Vec::new(),
         };
-        if scope.imperfect && !explained.fit().effects.is_empty() {
+        // A controller responds to a constant at an output, whose mean error therefore differs from this constant.
+        let open = explained.ready.problem.plant.controller.is_none();
+        if scope.imperfect && open && !explained.fit().effects.is_empty() {
             explained.offsets = offsets(&explained.ready.problem, explained.fit());
             explained.offsets.retain(|offset| scope.allows(offset));
         }

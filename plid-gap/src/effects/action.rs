@@ -44,31 +44,56 @@ impl Drive {
 /// What an effect on commands or on measurements remembers of the earlier samples of a record. It is empty at the start
 /// of the record.
 #[derive(Debug, Clone, Default)]
-pub struct Memory(Vec<f64>);
+pub struct Memory {
+    values: Vec<f64>,
+    /// Earlier values of each channel.
+    past: Vec<Vec<f64>>,
+}
 
 impl Memory {
     /// Returns the remembered values. At the start of a record, they are `first`.
     pub fn values<const N: usize>(&mut self, first: [f64; N]) -> &mut [f64; N] {
-        if self.0.is_empty() {
-            self.0.extend(first);
+        if self.values.is_empty() {
+            self.values.extend(first);
         }
-        self.0.first_chunk_mut().expect("an effect remembers the same number of values at each sample")
+        self.values.first_chunk_mut().expect("an effect remembers the same number of values at each sample")
     }
 
-    /// Returns `count` remembered values of a signal, the oldest one first. At the start of a record, all are `before`.
-    pub fn past(&mut self, count: usize, before: f64) -> &mut [f64] {
-        if self.0.is_empty() {
-            self.0.resize(count, before);
+    /// Appends the next values of a channel to its earlier ones, of which at least the last `reach` are kept.
+    pub fn followed_by(&mut self, channel: usize, next: &[f64], reach: usize) -> Followed<'_> {
+        if self.past.len() <= channel {
+            self.past.resize(channel + 1, Vec::new());
         }
-        &mut self.0
+        let past = &mut self.past[channel];
+        if past.len() > 2 * reach {
+            past.drain(..past.len() - reach);
+        }
+        let start = past.len();
+        past.extend_from_slice(next);
+        Followed { values: past, start }
     }
 }
 
-/// Returns the past of a signal and its next values as one signal. The last values become the past.
-pub fn continued(past: &mut [f64], next: &[f64]) -> Vec<f64> {
-    let whole = [past, next].concat();
-    past.copy_from_slice(&whole[next.len()..]);
-    whole
+/// The values of a signal, of which the present ones begin at an index.
+pub struct Followed<'m> {
+    values: &'m [f64],
+    start: usize,
+}
+
+impl Followed<'_> {
+    /// Returns the value that lies `back` steps before the present one of index `k`; `None` before the record. After
+    /// the last value, it is held.
+    pub fn back(&self, k: usize, back: isize) -> Option<f64> {
+        let at = (self.start + k).checked_add_signed(-back)?;
+        self.values.get(at).or(self.values.last()).copied()
+    }
+
+    /// Returns the values that lie `back` steps before the present ones, and the number of present values before which
+    /// there is none.
+    pub fn all_back(&self, back: usize) -> (&[f64], usize) {
+        let before = back.saturating_sub(self.start);
+        (&self.values[(self.start + before).saturating_sub(back)..], before)
+    }
 }
 
 /// A change of the command. It is causal: no value depends on later ones.
@@ -140,6 +165,11 @@ pub trait Sensor: Send + Sync {
     /// Changes the outputs (p channels) in place: those of a whole record, or of one sample after the other where a
     /// controller reads them. `memory` keeps what the next sample needs.
     fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling, memory: &mut Memory);
+
+    /// Returns whether the change also concerns what a controller reads, and not the records alone.
+    fn reaches_controller(&self) -> bool {
+        true
+    }
 }
 
 /// The change of a simulation by an effect.
@@ -175,9 +205,13 @@ impl Action {
         !matches!(self, Self::Plant(_) | Self::Stiffness(_) | Self::Lag(..))
     }
 
-    /// Returns whether the action changes commands or measurements.
-    pub fn is_on_channel(&self) -> bool {
-        matches!(self, Self::Command(_) | Self::Sensor(_))
+    /// Returns whether the action acts between a controller and its plant.
+    pub fn is_between(&self) -> bool {
+        match self {
+            Self::Command(_) => true,
+            Self::Sensor(sensor) => sensor.reaches_controller(),
+            _ => false,
+        }
     }
 
     /// Returns whether the action changes nothing before the sensors. In open loop, a run without it suffices.

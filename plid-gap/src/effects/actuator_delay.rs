@@ -57,12 +57,10 @@ struct Delay {
 impl Command for Delay {
     fn apply(&self, drive: &mut Drive, memory: &mut Memory) {
         drive.refine(PARTS);
-        let delay = Taps::new(self.tau * drive.parts as f64);
-        let count = drive.u.len();
-        let past = memory.past(count * delay.reach(), 0.0);
-        for ((i, channel), past) in drive.u.iter_mut().enumerate().zip(past.chunks_mut(delay.reach())) {
+        let delay = Taps::of_command(self.tau * drive.parts as f64);
+        for (i, channel) in drive.u.iter_mut().enumerate() {
             if self.place == Place::AllInputs || self.place == Place::Input(i) {
-                delay.apply(channel, past);
+                delay.apply((i, channel), 0.0, memory);
             }
         }
     }

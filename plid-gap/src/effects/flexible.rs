@@ -2,7 +2,6 @@
 //! together with an effect whose own characteristic does not suffice, and is never named. It distinguishes "this
 //! location, another shape" from "something else".
 
-use super::action::continued;
 use super::tanh::tanh;
 use super::{Action, Command, Drive, Effect, Force, Memory, Parameter, Place, Range, Sampling, Sensor, Setting, Side};
 
@@ -379,15 +378,13 @@ impl Command for CommandTaps {
     fn apply(&self, drive: &mut Drive, memory: &mut Memory) {
         drive.refine(2);
         let each = drive.parts / 2;
-        let (count, reach) = (drive.u.len(), self.shape.len() * each);
-        let past = memory.past(count * reach, 0.0);
-        for ((i, channel), past) in drive.u.iter_mut().enumerate().zip(past.chunks_mut(reach)) {
+        for (i, channel) in drive.u.iter_mut().enumerate() {
             if self.place != Place::AllInputs && self.place != Place::Input(i) {
                 continue;
             }
-            let whole = continued(past, channel);
+            let whole = memory.followed_by(i, channel, self.shape.len() * each);
             for (k, u) in channel.iter_mut().enumerate() {
-                let then = |j: usize| whole[k + reach - (j + 1) * each];
+                let then = |j: usize| whole.back(k, ((j + 1) * each) as isize).unwrap_or(0.0);
                 *u += self.shape.iter().enumerate().map(|(j, c)| c * (then(j) - *u)).sum::<f64>();
             }
         }
@@ -417,14 +414,12 @@ struct OutputTaps {
 
 impl Sensor for OutputTaps {
     fn apply(&self, y: &mut [Vec<f64>], _sampling: Sampling, memory: &mut Memory) {
-        // Before the record, the value is zero. After it, the last value is held.
         let reach = self.back[self.back.len() - 1].unsigned_abs();
-        let from = continued(memory.past(reach, 0.0), &y[self.o]);
-        let last = from.len().saturating_sub(1);
+        let whole = memory.followed_by(self.o, &y[self.o], reach);
         for (k, y) in y[self.o].iter_mut().enumerate() {
-            let now = k + reach;
-            let at = |back: isize| from[now.saturating_add_signed(-back).min(last)];
-            *y += self.shape.iter().zip(self.back).map(|(c, back)| c * (at(back) - from[now])).sum::<f64>();
+            // Before the record, the value is zero. After it, the last value is held.
+            let at = |back: isize| whole.back(k, back).unwrap_or(0.0);
+            *y += self.shape.iter().zip(self.back).map(|(c, back)| c * (at(back) - at(0))).sum::<f64>();
         }
     }
 }

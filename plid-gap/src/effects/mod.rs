@@ -65,7 +65,7 @@ mod units;
 use crate::case::Limits;
 pub use crate::plant::Load;
 pub use crate::signal::peaks::MissingModeStart;
-pub use action::{Action, Command, Drive, Force, Memory, Sampling, Sensor, continued};
+pub use action::{Action, Command, Drive, Force, Memory, Sampling, Sensor};
 pub use flexible::Flexible;
 pub use library::Library;
 pub use place::{Names, Place};

@@ -62,8 +62,9 @@ impl Sensor for Delay {
     fn apply(&self, y: &mut [Vec<f64>], sampling: Sampling, memory: &mut Memory) {
         let before = sampling.before(&y[self.o]);
         if self.past {
-            let taps = Taps::new(self.tau);
-            return taps.apply(&mut y[self.o], memory.past(taps.reach(), before));
+            // The first value of the record also sets the value before it.
+            let [before] = *memory.values([before]);
+            return Taps::of_measurement(self.tau).apply((self.o, &mut y[self.o]), before, memory);
         }
         delay(&mut y[self.o], self.tau, before);
     }

@@ -150,7 +150,7 @@ impl Problem {
         let loads = |action: &Action| match action {
             Action::Load(..) => true,
             Action::Plant(_) => closed,
-            _ => closed && action.is_on_channel(),
+            _ => closed && action.is_between(),
         };
         few && self.actions(effects).iter().any(loads)
     }

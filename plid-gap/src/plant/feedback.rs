@@ -12,6 +12,9 @@ use plid_fourier::C;
 /// Lowest frequency, relative to the sample rate, at which the loop is evaluated: integrators have a pole at zero.
 const LOWEST: f64 = 1e-9;
 
+/// Gain around the loop within a sample below which it is a rounding error.
+const WITHIN_SAMPLE: f64 = 1e-9;
+
 impl Controller {
     /// Returns the frequency response from the plant's outputs to its inputs (m x p).
     fn response(&self, hz: f64, rate: f64) -> DMatrix<C> {
@@ -34,11 +37,12 @@ impl Plant {
         self.controller = Some(controller);
     }
 
-    /// Returns whether the plant and its controller both respond to each other within a sample. Effects on commands and
-    /// measurements cannot be simulated in such a loop.
+    /// Returns whether a command depends on itself within its sample, through the plant and its controller. Effects on
+    /// commands and measurements cannot be simulated in such a loop.
     pub fn loops_within_sample(&self) -> bool {
-        let responds = |matrix: &DMatrix<f64>| matrix.iter().any(|x| *x != 0.0);
-        self.controller.as_ref().is_some_and(|controller| responds(&controller.d)) && responds(&self.d)
+        let Some(controller) = &self.controller else { return false };
+        let around = &controller.d * self.d.rows(0, controller.d.ncols());
+        around.amax() > WITHIN_SAMPLE
     }
 
     /// Returns the sensitivity of the loop at a frequency, (I - P K)^-1 (p x p), by which a disturbance of an output

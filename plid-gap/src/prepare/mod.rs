@@ -649,12 +649,13 @@ fn setting(
     let mut setting = Setting { band_hz, ..Setting::bare(plant, model) };
     let Some(loudest) = loudest else { return setting };
     let sent = commands(plant, &loudest.u);
+    let all_sent: Vec<Channels> = records.iter().map(|record| commands(plant, &record.u)).collect();
     setting.duration_s = records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     for i in 0..m {
         let slope = |u: &[f64]| rms(u.windows(2).map(|w| (w[1] - w[0]) * plant.rate));
         // A random record of the same level is much steeper than a multisine of a few lines.
         setting.u_rms[i] = rms(&sent[i]);
-        setting.u_slope[i] = records.iter().map(|record| slope(&record.u[i])).fold(0.0, f64::max);
+        setting.u_slope[i] = all_sent.iter().map(|sent| slope(&sent[i])).fold(0.0, f64::max);
     }
     for o in 0..p {
         setting.y_rms[o] = rms(loudest.y[o].iter().filter(|y| y.is_finite()));

@@ -22,7 +22,7 @@ impl<'a> Between<'a> {
             _ => None,
         };
         let sensor = |action: &'a Action| match action {
-            Action::Sensor(sensor) => Some((sensor.as_ref(), Memory::default())),
+            Action::Sensor(sensor) if sensor.reaches_controller() => Some((sensor.as_ref(), Memory::default())),
             _ => None,
         };
         Self {
@@ -41,23 +41,38 @@ impl<'a> Between<'a> {
         drive.parts
     }
 
+    /// Returns whether there are no effects.
+    pub fn is_empty(&self) -> bool {
+        self.commands.is_empty() && self.sensors.is_empty()
+    }
+
     /// Passes the commands of the sample at a time in s to the plant. Returns m channels of `parts` values.
     pub fn command(&mut self, t: f64, parts: usize, u: impl Fn(usize) -> f64) -> &[Vec<f64>] {
         let Self { drive, commands, .. } = self;
-        (drive.parts, drive.t0) = (parts, t);
+        // Each effect divides a sample into as many parts as in open loop; forces may need more.
+        (drive.parts, drive.t0) = (1, t);
         for (i, channel) in drive.u.iter_mut().enumerate() {
             channel.clear();
-            channel.resize(parts, u(i));
+            channel.push(u(i));
         }
         commands.iter_mut().for_each(|(command, memory)| command.apply(drive, memory));
+        drive.refine(parts);
         &drive.u
     }
 
-    /// Passes the outputs of the sample at a time in s to the controller. Returns p channels of one value.
-    pub fn measure(&mut self, t: f64, y: impl Fn(usize) -> f64) -> &[Vec<f64>] {
+    /// Passes the outputs of the sample at a time in s to the controller. Returns p channels of one value. The effects
+    /// remember them only if they are the `last` ones of the sample.
+    pub fn measure(&mut self, t: f64, y: impl Fn(usize) -> f64, last: bool) -> &[Vec<f64>] {
+        let Self { sensors, read, .. } = self;
         let sampling = Sampling { t0: t, rate: self.drive.rate, at_rest: self.at_rest };
-        self.read.iter_mut().enumerate().for_each(|(o, read)| read[0] = y(o));
-        self.sensors.iter_mut().for_each(|(sensor, memory)| sensor.apply(&mut self.read, sampling, memory));
-        &self.read
+        read.iter_mut().enumerate().for_each(|(o, read)| read[0] = y(o));
+        for (sensor, memory) in sensors {
+            if last {
+                sensor.apply(read, sampling, memory);
+            } else {
+                sensor.apply(read, sampling, &mut memory.clone());
+            }
+        }
+        read
     }
 }

@@ -14,8 +14,6 @@ pub struct Feedback<'a, const R: usize> {
     solved: DMatrix<f64>,
     /// Whether the controller responds to an output within its sample.
     direct: bool,
-    /// Whether the plant also responds to the controller within the sample. No effect then acts between them.
-    algebraic: bool,
     /// The state of each run.
     states: [Vec<f64>; R],
     next: Vec<f64>,
@@ -38,13 +36,14 @@ impl<'a, const R: usize> Feedback<'a, R> {
         let (m, k) = (plant.m, controller.a.nrows());
         let read = controller.d.ncols();
         let matrix = DMatrix::identity(m, m) - &controller.d * plant.d.rows(0, read);
-        // If an effect makes the algebraic loop unsolvable, the run is not finite.
-        let solved = matrix.try_inverse().unwrap_or_else(|| DMatrix::from_element(m, m, f64::NAN));
+        // If an effect makes the algebraic loop unsolvable, or acts within it, the run is not finite.
+        let acts_within = plant.loops_within_sample() && !between.iter().all(Between::is_empty);
+        let solved = if acts_within { None } else { matrix.try_inverse() };
+        let solved = solved.unwrap_or_else(|| DMatrix::from_element(m, m, f64::NAN));
         Some(Self {
             controller,
             solved,
             direct: controller.d.iter().any(|x| *x != 0.0),
-            algebraic: plant.loops_within_sample(),
             states: std::array::from_fn(|_| vec![0.0; k]),
             next: vec![0.0; k],
             before: vec![0.0; m],
@@ -76,7 +75,7 @@ impl<'a, const R: usize> Feedback<'a, R> {
     pub fn find(&mut self, v: impl Fn(usize, usize) -> f64, y: &[Channels; R], sample: usize, time: [f64; R]) {
         let Controller { c, d, .. } = self.controller;
         if self.direct {
-            self.measure(y, sample, time);
+            self.measure(y, sample, time, false);
         }
         for (r, state) in self.states.iter().enumerate() {
             for (i, before) in self.before.iter_mut().enumerate() {
@@ -95,9 +94,7 @@ impl<'a, const R: usize> Feedback<'a, R> {
     /// Updates the controller's states from the outputs of a sample.
     pub fn read(&mut self, y: &[Channels; R], sample: usize, time: [f64; R]) {
         let Controller { a, b, .. } = self.controller;
-        if !self.direct || self.algebraic {
-            self.measure(y, sample, time);
-        }
+        self.measure(y, sample, time, true);
         for (state, y) in self.states.iter_mut().zip(&self.read) {
             for (j, next) in self.next.iter_mut().enumerate() {
                 let by_state: f64 = state.iter().enumerate().map(|(i, x)| a[(j, i)] * x).sum();
@@ -108,9 +105,11 @@ impl<'a, const R: usize> Feedback<'a, R> {
         }
     }
 
-    fn measure(&mut self, y: &[Channels; R], sample: usize, time: [f64; R]) {
+    /// Sets the outputs that the controller reads. They are the `last` ones of a sample if they include the direct
+    /// feedthrough.
+    fn measure(&mut self, y: &[Channels; R], sample: usize, time: [f64; R], last: bool) {
         for (((read, y), between), time) in self.read.iter_mut().zip(y).zip(&mut self.between).zip(time) {
-            let measured = between.measure(time, |o| y[o][sample]);
+            let measured = between.measure(time, |o| y[o][sample], last);
             read.iter_mut().zip(measured).for_each(|(to, y)| *to = y[0]);
         }
     }

@@ -5,6 +5,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 use std::path::Path;
+use std::rc::Rc;
 
 use nalgebra::{DMatrix, dmatrix};
 use plid_model::Model;
@@ -89,21 +90,21 @@ const STEPS: usize = 200;
 
 /// Returns a function that integrates over one sample by the classical Runge-Kutta method in small steps.
 fn smooth(axis: Axis, force: impl Fn(f64, f64) -> f64) -> impl Fn([f64; 2], f64) -> [f64; 2] {
-    driven(axis, force, |_, u| u)
+    driven(axis, force, |_, u, _| u)
 }
 
-/// Returns the same function for an actuator: `drive` returns its force in a small step from the number of the step and
-/// the command.
+/// Returns the same function for an actuator: `drive` returns its force in a small step from the number of the step, the
+/// command and the displacement.
 fn driven(
     axis: Axis,
     force: impl Fn(f64, f64) -> f64,
-    drive: impl Fn(usize, f64) -> f64,
+    drive: impl Fn(usize, f64, f64) -> f64,
 ) -> impl Fn([f64; 2], f64) -> [f64; 2] {
     let h = 1.0 / (RATE * STEPS as f64);
     move |mut x, command| {
         let moved = |x: [f64; 2], k: [f64; 2], h: f64| [x[0] + h * k[0], x[1] + h * k[1]];
         for step in 0..STEPS {
-            let u = drive(step, command);
+            let u = drive(step, command, x[0]);
             let rate = |x: [f64; 2]| [x[1], (u - axis.c * x[1] - axis.k * x[0] + force(x[0], x[1])) / axis.mass];
             let k1 = rate(x);
             let k2 = rate(moved(x, k1, h / 2.0));
@@ -292,20 +293,20 @@ struct Truth {
     effect: &'static dyn Effect,
     place: Place,
     parameters: Vec<f64>,
-    /// The force in a small step of a sample, from the number of the step and the command.
-    drive: Box<dyn Fn(usize, f64) -> f64>,
+    /// The force in a small step of a sample, from the number of the step, the command and the displacement.
+    drive: Box<dyn Fn(usize, f64, f64) -> f64>,
     sensor: Box<dyn Fn(f64) -> f64>,
 }
 
 /// Returns an actuator.
 fn actuator(effect: &'static dyn Effect, parameters: &[f64], drive: impl Fn(usize, f64) -> f64 + 'static) -> Truth {
     let (parameters, sensor) = (parameters.to_vec(), Box::new(|y| y));
-    Truth { effect, place: Place::Input(0), parameters, drive: Box::new(drive), sensor }
+    Truth { effect, place: Place::Input(0), parameters, drive: Box::new(move |step, u, _| drive(step, u)), sensor }
 }
 
 /// Returns a sensor.
 fn sensor(effect: &'static dyn Effect, parameters: &[f64], sensor: impl Fn(f64) -> f64 + 'static) -> Truth {
-    let (parameters, drive) = (parameters.to_vec(), Box::new(|_: usize, u: f64| u));
+    let (parameters, drive) = (parameters.to_vec(), Box::new(|_: usize, u: f64, _: f64| u));
     Truth { effect, place: Place::Output(0), parameters, drive, sensor: Box::new(sensor) }
 }
 
@@ -338,8 +339,26 @@ fn slow(per_second: f64) -> Truth {
     })
 }
 
+/// Returns a sensor that is late by a number of samples. It sees the displacements of all small steps.
+fn late_sensor(samples: f64) -> Truth {
+    let steps = (samples * STEPS as f64).round() as usize;
+    let seen = Rc::new(RefCell::new(vec![0.0; steps]));
+    let there = seen.clone();
+    let drive = move |_: usize, u: f64, d: f64| {
+        there.borrow_mut().push(d);
+        u
+    };
+    // At a sample, the displacements of all earlier small steps have been seen.
+    let sensor = move |_: f64| {
+        let seen = seen.borrow();
+        seen[seen.len() - steps]
+    };
+    let (effect, place) = (&SensorDelay, Place::Output(0));
+    Truth { effect, place, parameters: vec![samples], drive: Box::new(drive), sensor: Box::new(sensor) }
+}
+
 fn truths() -> Vec<Truth> {
-    let (lagged, before, al) = (Cell::new(0.0), Cell::new([0.0; 2]), (-TAU * 15.0 / RATE).exp());
+    let (lagged, al) = (Cell::new(0.0), (-TAU * 15.0 / RATE).exp());
     vec![
         lagging(8.0),
         late(1.5),
@@ -350,11 +369,9 @@ fn truths() -> Vec<Truth> {
             lagged.set(al * lagged.get() + (1.0 - al) * y);
             lagged.get()
         }),
-        sensor(&SensorDelay, &[2.0], move |y| {
-            let [oldest, last] = before.replace([before.get()[1], y]);
-            before.set([last, y]);
-            oldest
-        }),
+        late_sensor(0.5),
+        late_sensor(1.5),
+        late_sensor(4.0),
         sensor(&SensorSaturation, &[0.015, 0.0], |y| y.clamp(-0.015, 0.015)),
         sensor(&SensorOffset, &[0.002], |y| y + 0.002),
     ]

@@ -413,8 +413,13 @@ impl Benches {
         }
         for bench in [late, filtered] {
             cases.extend(of_channels.iter().map(|one| (bench, vec![one.clone()])));
-            let (sent, read) = ((get("actuator-lag"), Place::Input(0)), (get("sensor-delay"), Place::Output(0)));
-            cases.push((bench, vec![sent, read, (get("stick-friction"), Place::Input(0))]));
+            let [sent, late, slow] =
+                ["lag", "delay", "slew-limit"].map(|kind| (get(&format!("actuator-{kind}")), Place::Input(0)));
+            let force = |law: &str| (get(law), Place::Input(0));
+            cases.push((bench, vec![sent, (get("sensor-delay"), Place::Output(0)), force("stick-friction")]));
+            cases.push((bench, vec![late, force("cubic-stiffness")]));
+            cases.push((bench, vec![slow, force("end-stop")]));
+            cases.push((bench, vec![(get("sensor-quantisation"), Place::Output(0)), force("cubic-stiffness")]));
         }
         let many = vec![
             (get("actuator-lag"), Place::Input(0)),

@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::case::Channels;
-use plid_gap::effects::{Action, Command, Drive, Force, Memory, Sampling, Sensor, Setting, continued};
+use plid_gap::effects::{Action, Command, Drive, Force, Memory, Sampling, Sensor, Setting};
 use plid_gap::research::{Fineness, Plant, Problem, simulate};
 use serde::{Deserialize, Serialize};
 
@@ -405,11 +405,11 @@ impl Command for Added {
             _ => return,
         };
         let source = drive.u[from].clone();
-        let earlier = continued(memory.past(parts, 0.0), &source);
+        let whole = memory.followed_by(to, &source, parts);
         for (k, value) in drive.u[to].iter_mut().enumerate() {
             let added = match self.term {
                 Term::Command { power, .. } => source[k].powi(power),
-                Term::CommandStep { .. } => source[k] - earlier[k],
+                Term::CommandStep { .. } => source[k] - whole.back(k, parts as isize).unwrap_or(0.0),
                 _ => (t0 + k as f64 * step) * source[k],
             };
             *value += self.coefficient * added;
@@ -425,11 +425,11 @@ impl Sensor for Added {
             _ => return,
         };
         let source = y[from].clone();
-        let earlier = continued(memory.past(1, 0.0), &source);
+        let whole = memory.followed_by(to, &source, 1);
         for (k, value) in y[to].iter_mut().enumerate() {
             let added = match self.term {
                 Term::Output { power, .. } => source[k].powi(power),
-                Term::OutputStep { .. } => source[k] - earlier[k],
+                Term::OutputStep { .. } => source[k] - whole.back(k, 1).unwrap_or(0.0),
                 _ => sampling.time(k),
             };
             *value += self.coefficient * added;
