@@ -58,6 +58,9 @@ fn without_reference(gains: [f64; 3]) -> Model {
 /// A function that advances displacement and velocity over one sample, in which the command is held.
 type Advance<'a> = &'a dyn Fn([f64; 2], f64) -> [f64; 2];
 
+/// Such a function of its own for each record.
+type System<'a> = Box<dyn Fn([f64; 2], f64) -> [f64; 2] + 'a>;
+
 /// Runs a loop from rest. Returns the measured displacements and the commands.
 fn run(gains: [f64; 3], advance: Advance, r: &[f64], noise: &[f64]) -> [Vec<f64>; 2] {
     run_with_sensor(gains, advance, &|y| y, r, noise)
@@ -155,13 +158,7 @@ fn written(sim: &Model, gains: [f64; 3], advance: Advance, std: f64, given: Give
 }
 
 /// Writes such a case, with a new system for each record.
-fn written_by<'a>(
-    sim: &Model,
-    gains: [f64; 3],
-    system: &dyn Fn() -> Box<dyn Fn([f64; 2], f64) -> [f64; 2] + 'a>,
-    std: f64,
-    given: Given,
-) -> TempDir {
+fn written_by<'a>(sim: &Model, gains: [f64; 3], system: &dyn Fn() -> System<'a>, std: f64, given: Given) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let put = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
     let mut sim = sim.clone();
@@ -402,12 +399,14 @@ fn actuators_and_sensors_within_a_loop_agree_with_small_steps() {
 /// input and one output, a late sensor makes the same records as a late actuator.
 #[test]
 fn an_actuator_under_control_is_named() {
-    let truths: [(&str, &str, f64, fn() -> Truth); 3] = [
-        ("actuator-lag", "fp", 8.0, || lagging(8.0)),
-        ("actuator-delay", "tau", 1.5, || late(1.5)),
-        ("actuator-saturation", "a", 0.5, || actuator(&ActuatorSaturation, &[0.5, 0.0], |_, u| u.clamp(-0.5, 0.5))),
+    let clipped = || actuator(&ActuatorSaturation, &[0.5, 0.0], |_, u| u.clamp(-0.5, 0.5));
+    let truths: [(&str, &str, &dyn Fn() -> Truth); 3] = [
+        ("actuator-lag", "fp", &|| lagging(8.0)),
+        ("actuator-delay", "tau", &|| late(1.5)),
+        ("actuator-saturation", "a", &clipped),
     ];
-    for (name, parameter, size, truth) in truths {
+    for (name, parameter, truth) in truths {
+        let size = truth().parameters[0];
         for given in [Given::References, Given::Commands] {
             let folder = written_by(
                 &SLIDER.simulation(),
