@@ -287,6 +287,23 @@ struct Benches {
     filtered: Bench,
 }
 
+/// Returns every effect on commands or measurements at the first channel, and its free shape there.
+fn of_channels<'a>(library: &'a Library, setting: &Setting) -> Vec<(&'a dyn Effect, Place)> {
+    let mut of_channels: Vec<(&'a dyn Effect, Place)> = Vec::new();
+    for effect in library.effects() {
+        let places = effect.places(setting);
+        let place = [Place::Input(0), Place::Output(0)].into_iter().find(|place| places.contains(place));
+        let Some(place) = place.filter(|_| is_on_a_channel(effect, setting)) else { continue };
+        let shape = effect.free_shape().map(|shape| shape as &dyn Effect);
+        for effect in [Some(effect), shape].into_iter().flatten() {
+            if of_channels.iter().all(|(other, _)| other.name() != effect.name()) {
+                of_channels.push((effect, place.clone()));
+            }
+        }
+    }
+    of_channels
+}
+
 /// Returns whether an effect changes commands or measurements of free runs.
 fn is_on_a_channel(effect: &dyn Effect, setting: &Setting) -> bool {
     let is_channel = |action: &Action| matches!(action, Action::Command(_) | Action::Sensor(_));
@@ -349,7 +366,7 @@ impl Benches {
 
     /// Every effect at a location of each kind at which it may act, and its free shape there; then several together.
     fn cases<'a>(&'a self, library: &'a Library) -> Vec<Case<'a>> {
-        let Self { declared, open, inferred, discrete, tested, servo, led, held, late, filtered } = self;
+        let Self { declared, open, inferred, discrete, tested, servo, .. } = self;
         let get = |name: &str| library.get(name).unwrap();
         let free = |name: &str| Flexible::named(name).unwrap() as &dyn Effect;
         let mut cases: Vec<Case> = Vec::new();
@@ -387,40 +404,7 @@ impl Benches {
         let laws = springs.into_iter().chain(["coulomb-friction", "quadratic-damping"]).map(get);
         let shapes = ["free-stiffness", "free-damping", "free-joint"].map(free);
         cases.extend(laws.chain(shapes).map(|law| (tested, vec![(law, Place::Input(1))])));
-        for bench in [led, held] {
-            let force = |law: &str| (get(law), Place::Input(0));
-            cases.push((bench, vec![force("stick-friction")]));
-            cases.push((bench, vec![force("cubic-stiffness"), (get("modal-frequency"), Place::Mode(1))]));
-            cases.push((bench, vec![force("added-damping"), force("coulomb-friction")]));
-            cases.push((bench, vec![(free("free-stiffness-course"), Place::Structure)]));
-            cases.push((bench, vec![(get("narrowband-disturbance"), Place::Frequency(133.0, 1))]));
-            cases.push((bench, vec![(get("actuator-gain"), Place::Input(0)), (get("sensor-gain"), Place::Output(0))]));
-            let sent = (get("actuator-crosstalk"), Place::InputToInput(0, 1));
-            let read = (get("sensor-crosstalk"), Place::OutputToOutput(1, 0));
-            cases.push((bench, vec![sent, read, force("cubic-stiffness")]));
-        }
-        let mut of_channels: Vec<(&dyn Effect, Place)> = Vec::new();
-        for effect in library.effects() {
-            let places = effect.places(&late.setting);
-            let place = [Place::Input(0), Place::Output(0)].into_iter().find(|place| places.contains(place));
-            let Some(place) = place.filter(|_| is_on_a_channel(effect, &late.setting)) else { continue };
-            let shape = effect.free_shape().map(|shape| shape as &dyn Effect);
-            for effect in [Some(effect), shape].into_iter().flatten() {
-                if of_channels.iter().all(|(other, _)| other.name() != effect.name()) {
-                    of_channels.push((effect, place.clone()));
-                }
-            }
-        }
-        for bench in [late, filtered] {
-            cases.extend(of_channels.iter().map(|one| (bench, vec![one.clone()])));
-            let [sent, late, slow] =
-                ["lag", "delay", "slew-limit"].map(|kind| (get(&format!("actuator-{kind}")), Place::Input(0)));
-            let force = |law: &str| (get(law), Place::Input(0));
-            cases.push((bench, vec![sent, (get("sensor-delay"), Place::Output(0)), force("stick-friction")]));
-            cases.push((bench, vec![late, force("cubic-stiffness")]));
-            cases.push((bench, vec![slow, force("end-stop")]));
-            cases.push((bench, vec![(get("sensor-quantisation"), Place::Output(0)), force("cubic-stiffness")]));
-        }
+        cases.extend(self.controlled_cases(library));
         let many = vec![
             (get("actuator-lag"), Place::Input(0)),
             (free("free-command-path"), Place::AllInputs),
@@ -431,6 +415,37 @@ impl Benches {
         cases.push((open, many));
         cases.push((servo, vec![(get("actuator-lag"), Place::Loop(0))]));
         cases.push((servo, vec![(get("added-mass"), Place::Input(1)), (get("actuator-lag"), Place::Loop(0)), joint()]));
+        cases
+    }
+
+    /// Effects in closed loop: forces and changes of the plant, then effects on commands and measurements.
+    fn controlled_cases<'a>(&'a self, library: &'a Library) -> Vec<Case<'a>> {
+        let Self { led, held, late, filtered, .. } = self;
+        let get = |name: &str| library.get(name).unwrap();
+        let mut cases: Vec<Case> = Vec::new();
+        for bench in [led, held] {
+            let force = |law: &str| (get(law), Place::Input(0));
+            cases.push((bench, vec![force("stick-friction")]));
+            cases.push((bench, vec![force("cubic-stiffness"), (get("modal-frequency"), Place::Mode(1))]));
+            cases.push((bench, vec![force("added-damping"), force("coulomb-friction")]));
+            cases.push((bench, vec![(&Flexible::StiffnessCourse as &dyn Effect, Place::Structure)]));
+            cases.push((bench, vec![(get("narrowband-disturbance"), Place::Frequency(133.0, 1))]));
+            cases.push((bench, vec![(get("actuator-gain"), Place::Input(0)), (get("sensor-gain"), Place::Output(0))]));
+            let sent = (get("actuator-crosstalk"), Place::InputToInput(0, 1));
+            let read = (get("sensor-crosstalk"), Place::OutputToOutput(1, 0));
+            cases.push((bench, vec![sent, read, force("cubic-stiffness")]));
+        }
+        let of_channels = of_channels(library, &late.setting);
+        for bench in [late, filtered] {
+            cases.extend(of_channels.iter().map(|one| (bench, vec![one.clone()])));
+            let [sent, late, slow] =
+                ["lag", "delay", "slew-limit"].map(|kind| (get(&format!("actuator-{kind}")), Place::Input(0)));
+            let force = |law: &str| (get(law), Place::Input(0));
+            cases.push((bench, vec![sent, (get("sensor-delay"), Place::Output(0)), force("stick-friction")]));
+            cases.push((bench, vec![late, force("cubic-stiffness")]));
+            cases.push((bench, vec![slow, force("end-stop")]));
+            cases.push((bench, vec![(get("sensor-quantisation"), Place::Output(0)), force("cubic-stiffness")]));
+        }
         cases
     }
 }
