@@ -1,6 +1,6 @@
-//! The effects that are excluded from a case in closed loop if the plant and its controller both respond within a sample:
-//! those on a command or on a measurement that are no change of the plant ([`Effect::acts_in_loop`]). The command at a
-//! sample would then be the solution of an equation that contains the effect.
+//! The effects that are excluded from a case in closed loop if the plant and its controller both respond within a
+//! sample: those on a command or on a measurement that are no change of the plant ([`Effect::acts_in_loop`]). The
+//! command at a sample would then be the solution of an equation that contains the effect.
 
 use plid_model::Model;
 

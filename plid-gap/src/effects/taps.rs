@@ -13,8 +13,8 @@ pub(super) struct Taps {
     /// The number of steps to the latest of the values.
     first: usize,
     /// Weights of Lagrange interpolation, whose moments are exact up to the fifth with six values. With two edges, a
-    /// command that was late by a tenth of a sample was wrong by 6 %, and with three edges, every delay was up to 1 % too
-    /// short.
+    /// command that was late by a tenth of a sample was wrong by 6 %, and with three edges, every delay was up to 1 %
+    /// too short.
     weights: Vec<f64>,
 }
 
@@ -24,8 +24,9 @@ impl Taps {
         Self::new(steps, EDGES)
     }
 
-    /// Creates a delay of a measurement by a number of samples. With six values, a delay by half a sample would lie near
-    /// their end and amplify high frequencies by 2.5, which could make a loop unstable. With four, the gain is at most 1.2.
+    /// Creates a delay of a measurement by a number of samples. With six values, a delay by half a sample would lie
+    /// near their end and amplify high frequencies by 2.5, which could make a loop unstable. With four, the gain is at
+    /// most 1.2.
     pub fn of_measurement(samples: f64) -> Self {
         Self::new(samples, if samples < 2.0 { FEW } else { EDGES })
     }

@@ -29,8 +29,8 @@ pub struct Feedback<'a, const R: usize> {
 }
 
 impl<'a, const R: usize> Feedback<'a, R> {
-    /// Returns the controller of a plant, at rest, with the effects of each run, for a number of values of a command in a
-    /// sample; `None` if the plant has none.
+    /// Returns the controller of a plant, at rest, with the effects of each run, for a number of values of a command in
+    /// a sample; `None` if the plant has none.
     pub fn new(plant: &'a Plant, between: [Between<'a>; R], parts: usize) -> Option<Self> {
         let controller = plant.controller.as_deref()?;
         let (m, k) = (plant.m, controller.a.nrows());

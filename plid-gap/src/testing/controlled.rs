@@ -96,8 +96,8 @@ fn smooth(axis: Axis, force: impl Fn(f64, f64) -> f64) -> impl Fn([f64; 2], f64)
     driven(axis, force, |_, u, _| u)
 }
 
-/// Returns the same function for an actuator: `drive` returns its force in a small step from the number of the step, the
-/// command and the displacement.
+/// Returns the same function for an actuator: `drive` returns its force in a small step from the number of the step,
+/// the command and the displacement.
 fn driven(
     axis: Axis,
     force: impl Fn(f64, f64) -> f64,
@@ -395,8 +395,8 @@ fn actuators_and_sensors_within_a_loop_agree_with_small_steps() {
     }
 }
 
-/// The actuator of a slider under control lags, is late, or has a limit. The controller responds to the result. With one
-/// input and one output, a late sensor makes the same records as a late actuator.
+/// The actuator of a slider under control lags, is late, or has a limit. The controller responds to the result. With
+/// one input and one output, a late sensor makes the same records as a late actuator.
 #[test]
 fn an_actuator_under_control_is_named() {
     let clipped = || actuator(&ActuatorSaturation, &[0.5, 0.0], |_, u| u.clamp(-0.5, 0.5));
@@ -464,8 +464,8 @@ fn friction_that_sticks_is_named_on_a_slider_under_control() {
     }
 }
 
-/// If the plant also responds within a sample, effects on the command are not tried, apart from gains and cross-talk. The
-/// answer says so by name.
+/// If the plant also responds within a sample, effects on the command are not tried, apart from gains and cross-talk.
+/// The answer says so by name.
 #[test]
 fn effects_on_the_command_are_said_not_to_be_tried_in_an_algebraic_loop() {
     let exact = smooth(SLIDER, |_, _| 0.0);
