@@ -439,9 +439,9 @@ def simulate(file, u, t0):
     for name, location, p in effects:
         if name in COMMANDS:
             u, parts = refined(u, parts, PARTS.get(name, 1))
-        if name in COMMANDS and not loop:
-            change(COMMANDS[name], u, location, model["inputs"], {**p, "parts": parts}, np.repeat(t, parts),
-                   1 / (rate * parts))
+            if not loop:
+                change(COMMANDS[name], u, location, model["inputs"], {**p, "parts": parts}, np.repeat(t, parts),
+                       1 / (rate * parts))
     forces = [(name, p, strut(location, model)) for name, location, p in effects if name in FORCES]
     on_motions = [force for force in forces if is_moved(force[2])]
     forces = [force for force in forces if not is_moved(force[2])]
