@@ -215,8 +215,8 @@ fn lines(setting: &Setting) -> impl Iterator<Item = (Side, Place, Vec<Placed<'st
             };
             (Side::Sensor, place.clone(), phases.map(run).to_vec())
         });
-        let none = setting.plant.loops_within_sample();
-        forces.chain(hums.filter(move |_| !none)).collect::<Vec<_>>()
+        let within_sample = setting.plant.loops_within_sample();
+        forces.chain(hums.filter(move |_| !within_sample)).collect::<Vec<_>>()
     })
 }
 

@@ -40,9 +40,13 @@ impl Plant {
     /// Returns whether a command depends on itself within its sample, through the plant and its controller. Effects on
     /// commands and measurements cannot be simulated in such a loop.
     pub fn loops_within_sample(&self) -> bool {
-        let Some(controller) = &self.controller else { return false };
-        let around = &controller.d * self.d.rows(0, controller.d.ncols());
-        around.amax() > WITHIN_SAMPLE
+        self.within_sample().is_some_and(|around| around.amax() > WITHIN_SAMPLE)
+    }
+
+    /// Returns the gain around the loop within a sample, Dc D (m x m); `None` without a controller.
+    pub fn within_sample(&self) -> Option<DMatrix<f64>> {
+        let controller = self.controller.as_ref()?;
+        Some(&controller.d * self.d.rows(0, controller.d.ncols()))
     }
 
     /// Returns the sensitivity of the loop at a frequency, (I - P K)^-1 (p x p), by which a disturbance of an output

@@ -34,8 +34,7 @@ impl<'a, const R: usize> Feedback<'a, R> {
     pub fn new(plant: &'a Plant, between: [Between<'a>; R], parts: usize) -> Option<Self> {
         let controller = plant.controller.as_deref()?;
         let (m, k) = (plant.m, controller.a.nrows());
-        let read = controller.d.ncols();
-        let matrix = DMatrix::identity(m, m) - &controller.d * plant.d.rows(0, read);
+        let matrix = DMatrix::identity(m, m) - plant.within_sample()?;
         // If an effect makes the algebraic loop unsolvable, or acts within it, the run is not finite.
         let acts_within = plant.loops_within_sample() && !between.iter().all(Between::is_empty);
         let solved = if acts_within { None } else { matrix.try_inverse() };

@@ -14,6 +14,8 @@ pub(crate) mod lanes;
 mod runner;
 mod together;
 
+use std::borrow::Cow;
+
 use crate::case::record::Channels;
 use crate::effects::{Action, Drive, Force, Memory, Sampling};
 use crate::plant::{Plant, Port};
@@ -88,9 +90,9 @@ pub fn simulate(
 
 /// Returns the commands of the plant (m channels) in a linear run from rest: the inputs `u`, plus the feedback in
 /// closed loop.
-pub fn commands(plant: &Plant, u: &[Vec<f64>]) -> Channels {
-    let Some(controller) = &plant.controller else { return u.to_vec() };
-    controller.commands(u, &simulate(plant, &[], u, 0.0, None, Fineness::COARSE))
+pub fn commands<'u>(plant: &Plant, u: &'u [Vec<f64>]) -> Cow<'u, [Vec<f64>]> {
+    let Some(controller) = &plant.controller else { return u.into() };
+    controller.commands(u, &simulate(plant, &[], u, 0.0, None, Fineness::COARSE)).into()
 }
 
 /// Applies the effects on the sensors, in their order.
