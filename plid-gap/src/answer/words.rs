@@ -8,9 +8,10 @@ use crate::evidence::Evidence;
 use crate::fit::candidate::{in_words, same};
 use crate::fit::problem::Placed;
 use crate::judge::explained::{Explained, Refusal};
-use crate::judge::held_out::HeldOut;
+use crate::judge::judgement::Judgement;
 use crate::judge::locate::Map;
 use crate::prepare::NoiseFrom;
+use crate::settings::JudgeSettings;
 use crate::words::likelihood;
 use plid_report::percent;
 
@@ -20,7 +21,7 @@ use plid_report::percent;
 pub(crate) fn words(
     explained: &Explained,
     before: &Map,
-    held_out: Option<HeldOut>,
+    judged: &Judgement,
     evidence: &Evidence,
     motion: Vec<String>,
     (named, class): (&[NamedEffect], Option<(String, String)>),
@@ -65,7 +66,18 @@ pub(crate) fn words(
             judge.separable
         )
     }));
-    words.extend(held_out.map(|held_out| {
+    words.extend(of_held_out(judged, judge).into_iter().chain(of_parts(judged)));
+    let excess = explained.judged.excess;
+    words.push(format!(
+        "The residual exceeds the noise by {excess:.1} times the uncertainty of the noise power, which is {}.",
+        percent(explained.level.uncertainty)
+    ));
+    words
+}
+
+/// States how much better than the refit the explanation fits the held-out records.
+fn of_held_out(judged: &Judgement, judge: &JudgeSettings) -> Option<String> {
+    judged.held_out.map(|held_out| {
         format!(
             "On the held-out records, the best explanation fits better than the refit by {} ({:.0} standard \
             deviations){}.",
@@ -73,13 +85,19 @@ pub(crate) fn words(
             held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
             if held_out.refutes(judge) { ", too little for it to be accepted" } else { "" },
         )
-    }));
-    let excess = explained.judged.excess;
-    words.push(format!(
-        "The residual exceeds the noise by {excess:.1} times the uncertainty of the noise power, which is {}.",
-        percent(explained.level.uncertainty)
-    ));
-    words
+    })
+}
+
+/// States that fits to some of the records do not predict the others, if so.
+fn of_parts(judged: &Judgement) -> Option<String> {
+    judged.predicted_as_given.map(|as_given| {
+        format!(
+            "Fits to some of the fitted records, or to parts of them, leave a gap of {} in the rest, where the \
+            simulation as given leaves {}. The explanation is therefore not accepted.",
+            percent(judged.gaps.crossed_gap),
+            percent(as_given)
+        )
+    })
 }
 
 /// Returns the effects of the best explanation that are in the prediction but not named as causes.

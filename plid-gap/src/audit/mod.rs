@@ -8,6 +8,7 @@ mod clipping;
 mod constant;
 mod controlled;
 mod finite;
+mod lines;
 mod little;
 mod offsets;
 mod ports;
@@ -192,28 +193,34 @@ fn look(
     }
     case.model = Some(explained.map_or(model.clone(), |mismatch| mismatch.wiring.applied(&model)));
     case.warnings.extend(found);
-    let of_surrogate = surrogate.clone().map(|s| (s.prior_std, s.offsets, s.best_linear, s.model_error));
+    let known = known(&case, surrogate.as_ref(), off)?;
+    Ok(Audit { case, mismatch, known, surrogate })
+}
+
+/// Returns what the diagnosis knows besides the model and the records.
+fn known(case: &Case, surrogate: Option<&Surrogate>, off: &[Step]) -> Result<Known, GapError> {
+    let of_surrogate = surrogate.cloned().map(|s| (s.prior_std, s.offsets, s.best_linear, s.model_error));
     let (prior_std, offsets, best_linear, model_error) = of_surrogate.unwrap_or_default();
-    let known = Known {
+    Ok(Known {
         units: Units {
             inputs: case.config.units_of(&case.config.inputs),
             outputs: case.config.units_of(&case.config.outputs),
             ..Units::default()
         },
-        ports: ports::of_case(&case)?,
+        ports: ports::of_case(case)?,
         controller: case.controller.clone(),
         limits: case.config.nuisance,
         prior_std,
         offsets,
         best_linear,
         model_error,
+        undetermined: surrogate.is_some_and(|surrogate| surrogate.undetermined),
         band_hz: case.config.band_hz,
         // Trends and a surrogate model were estimated without the held-out record.
         may_divide: surrogate.is_none() && case.config.trend == Trend::None && !case.config.names_held_out(),
         off: off.to_vec(),
         settings: case.config.settings.clone(),
-    };
-    Ok(Audit { case, mismatch, known, surrogate })
+    })
 }
 
 /// Checks the records alone and returns warnings. `looks` states whether clipping is checked.

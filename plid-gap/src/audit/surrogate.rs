@@ -12,6 +12,7 @@ use plid_model::Model;
 use plid_refine::{Options, RefineError, free_run_error};
 
 use crate::audit::Law;
+use crate::audit::lines;
 use crate::audit::offsets::{in_words, shift, with_offsets};
 use crate::case::record::{Channels, Excitation, Record};
 use crate::case::split::driven;
@@ -51,6 +52,8 @@ pub struct Surrogate {
     pub model_error: Option<ModelError>,
     /// The assumed course of the inputs between the samples.
     pub intersample: Intersample,
+    /// Whether the inputs hold too few frequencies to determine the model.
+    pub undetermined: bool,
 }
 
 /// Identifies a model for a case without one.
@@ -109,9 +112,20 @@ fn surrogate(case: &Case, fitted: Vec<Record>, of_simulator: bool, law: Option<&
         words += " The inputs are assumed to vary linearly between samples, which fits better than steps.";
     }
     words += &in_words(&offsets, &case.config.outputs);
+    let few = if of_simulator { None } else { lines::too_few(&fitted, model.n()) };
+    words.extend(few.map(|count| {
+        format!(
+            " The inputs hold only {count} frequenc{}, which do{} not determine a model of {} states. Record a band of \
+            frequencies.",
+            if count == 1 { "y" } else { "ies" },
+            if count == 1 { "es" } else { "" },
+            model.n()
+        )
+    }));
     let free = |plant: &Plant| !of_simulator && (!set_aside || plant.modes.is_empty());
     let prior_std = prior_std(&model, &fitted, &std, free, &case.config.settings)?;
-    Ok(Surrogate { model, words, prior_std, offsets, best_linear, model_error, intersample })
+    let undetermined = few.is_some();
+    Ok(Surrogate { model, words, prior_std, offsets, best_linear, model_error, intersample, undetermined })
 }
 
 /// Returns the best linear model of records that may have the forces of a law as further inputs, with its offsets.

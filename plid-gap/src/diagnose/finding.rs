@@ -29,6 +29,7 @@ use crate::judge::statement::{About, Statement, basis};
 use crate::judge::statistics::{self, Statistics};
 use crate::judge::stochastic_gap::of_dropped;
 use crate::judge::verdict::{Verdict, Weighted};
+use crate::judge::written::Follows;
 use crate::search::rules::Rules;
 use crate::search::stochastic::{Stochastic, wandering};
 use crate::settings::GapSettings;
@@ -72,7 +73,7 @@ impl<'f, 'a> Finding<'f, 'a> {
     /// Returns the contents of diagnosis.json. `motion` states the kinds of the outputs and the locations of forces.
     pub(super) fn diagnosis(&self, motion: Vec<String>, say: &mut dyn FnMut(String)) -> Diagnosis {
         let Explained { ready, found, .. } = self.explained;
-        let Judgement { gaps, held_out, shown, weighted, verdict, .. } = &self.judged;
+        let Judgement { gaps, shown, weighted, verdict, .. } = &self.judged;
         let (names, best) = (&ready.problem.setting.names, &found.best.effects);
         let [before, _] = &self.maps;
         say("compared with its rivals".into());
@@ -98,7 +99,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             .as_ref()
             .and_then(|predicted| next_experiment(self.explained, weighted, best, predicted, &rivals));
         let class = others(self.explained, &rivals).map(|others| (in_words(best, names), others));
-        let evidence = words(self.explained, before, *held_out, &self.evidence, motion, (&effects, class));
+        let evidence = words(self.explained, before, &self.judged, &self.evidence, motion, (&effects, class));
         let (remainder, about_remainder) = self.remains();
         statements.push(about_remainder);
         Diagnosis {
@@ -282,33 +283,13 @@ impl<'f, 'a> Finding<'f, 'a> {
         // An effect that causes an immaterial gap is not named, but it is part of the prediction.
         let named = self.judged.weighted.first().is_some_and(|top| !top.effects.is_empty());
         let explains = self.judged.verdict != Verdict::None || named;
+        let explains = explains && self.judged.predicted_as_given.is_none();
         let with_effect = explains.then_some(gap.with_effect);
         let no_worse = self.explained.ready.problem.settings.judge.no_worse;
         match Follows::of([gap.as_given, gap.refit], with_effect, no_worse) {
             Follows::AsGiven => (vec![0.0; fit.eta.len()], Vec::new()),
             Follows::Refit => (self.explained.refitted.eta.clone(), Vec::new()),
             Follows::Effects => with_all(&self.explained.ready, &fit).unwrap_or((fit.eta, fit.effects)),
-        }
-    }
-}
-
-/// The model that follows the held-out records and is written.
-#[derive(Debug, PartialEq)]
-enum Follows {
-    AsGiven,
-    Refit,
-    Effects,
-}
-
-impl Follows {
-    /// Chooses the model by the gaps on held-out records: of the simulation as given and of its refit, and with the
-    /// effects if there are any to write. The effects are left out if they predict worse than one of the others does;
-    /// the gap of effects whose free run diverges is no number.
-    fn of([as_given, refit]: [f64; 2], with_effect: Option<f64>, no_worse: f64) -> Self {
-        match with_effect {
-            Some(gap) if gap <= no_worse * as_given.min(refit) => Self::Effects,
-            _ if refit <= as_given => Self::Refit,
-            _ => Self::AsGiven,
         }
     }
 }
@@ -340,21 +321,6 @@ mod tests {
     use super::*;
     use crate::effects::{Library, Place};
     use crate::testing;
-
-    /// Effects that predict held-out records worse than the simulation as given, or than its refit, are not written.
-    #[test]
-    fn what_is_written_predicts_no_worse_than_without_effects() {
-        let of = |gaps, with_effect| Follows::of(gaps, Some(with_effect), 1.001);
-        assert_eq!(of([0.2, 0.1], 0.1), Follows::Effects);
-        assert_eq!(of([0.2, 0.1], 0.10005), Follows::Effects);
-        assert_eq!(of([0.2, 0.1], 0.11), Follows::Refit);
-        assert_eq!(of([0.1, 0.2], 0.11), Follows::AsGiven);
-        assert_eq!(of([0.1, 0.2], 0.09), Follows::Effects);
-        for diverged in [f64::INFINITY, f64::NAN] {
-            assert_eq!(of([0.2, 0.1], diverged), Follows::Refit);
-        }
-        assert_eq!(Follows::of([0.2, 0.1], None, 1.001), Follows::Refit);
-    }
 
     /// The offset is slightly larger in the held-out record. What is stated is the fit without this record, and what
     /// is written is the fit with it.

@@ -47,6 +47,9 @@ pub struct Judgement<'j, 'a> {
     /// Probability before calibration that nothing is missing, if that is the verdict; otherwise that of "something
     /// else".
     pub before: f64,
+    /// The gap that the simulation as given leaves in the fitted records, if fits of the explanation to some of them
+    /// predict the others much worse.
+    pub predicted_as_given: Option<f64>,
     /// The states that the simulation lacks, if no effect explains the records as well as further states do.
     pub lacking: Option<LackingStates>,
 }
@@ -66,7 +69,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
         // A refit beyond the stated limits may imitate the effect itself.
         let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
         let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
-        let mut gaps = gaps(explained, &plant, &actions, bounded, &config.nuisance);
+        let (mut gaps, predicted_as_given) = gaps(explained, &plant, &actions, bounded, &config.nuisance);
         let held_out =
             if best.is_empty() { None } else { held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions) };
         let lacking = lacking_states(explained, &gaps, config.material);
@@ -75,6 +78,13 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let unknown = match lacking {
             Some(_) => problem.settings.judge.most_unknown.max(explained.judged.unknown),
             None => unknown(explained, &gaps, &shares, held_out, config.material),
+        };
+        // Against a model that the inputs do not determine, several laws may explain the same few harmonics.
+        let unsure = predicted_as_given.is_some() || ready.undetermined && !best.is_empty();
+        let unknown = if unsure && gaps.as_given >= config.material {
+            problem.settings.judge.most_unknown.max(unknown)
+        } else {
+            unknown
         };
         let mut weighted =
             weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
@@ -108,6 +118,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
             weighted,
             verdict,
             before,
+            predicted_as_given,
             lacking,
         }
     }

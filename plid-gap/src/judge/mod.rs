@@ -27,3 +27,4 @@ pub(crate) mod statement;
 pub(crate) mod statistics;
 pub(crate) mod stochastic_gap;
 pub(crate) mod verdict;
+pub(crate) mod written;

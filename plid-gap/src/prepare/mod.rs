@@ -62,6 +62,8 @@ pub struct Prepared {
     /// The best linear model of the records, if the simulation is a model that was identified from them with the
     /// forces of a law.
     pub best_linear: Option<Plant>,
+    /// Whether the simulation is a model of the records that their inputs do not determine.
+    pub undetermined: bool,
     /// Steps that the diagnosis skips.
     pub off: Vec<Step>,
     /// The factor by which the simulation's limits are exceeded, if no explanation leaves only noise. The remaining
@@ -85,6 +87,8 @@ pub struct Known {
     /// For a surrogate model that was identified with the forces of a law, the best linear model of the same records,
     /// with its offsets.
     pub best_linear: Option<(Model, Vec<f64>)>,
+    /// Whether the inputs hold too few frequencies to determine the surrogate model.
+    pub undetermined: bool,
     /// The frequency band in Hz that counts; all frequencies if `None`.
     pub band_hz: Option<[f64; 2]>,
     /// Units of the channels.
@@ -160,6 +164,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         wandering: Vec::new(),
         coloured: None,
         best_linear,
+        undetermined: known.undetermined,
         off: off.clone(),
         widened: None,
         not_of_time: Vec::new(),
@@ -644,19 +649,19 @@ fn setting(
     errors: &[Channels],
     (settings, band_hz): (&GapSettings, Option<[f64; 2]>),
 ) -> Setting {
-    let loudest = records.iter().max_by(|a, b| a.level().total_cmp(&b.level()));
+    let loudest = (0..records.len()).max_by(|&a, &b| records[a].level().total_cmp(&records[b].level()));
     let (m, p) = (plant.m, plant.p);
     let mut setting = Setting { band_hz, ..Setting::bare(plant, model) };
     let Some(loudest) = loudest else { return setting };
-    let sent = commands(plant, &loudest.u);
-    let all_sent: Vec<Channels> = records.iter().map(|record| commands(plant, &record.u)).collect();
+    let sent: Vec<_> = records.iter().map(|record| commands(plant, &record.u)).collect();
     setting.duration_s = records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     for i in 0..m {
         let slope = |u: &[f64]| rms(u.windows(2).map(|w| (w[1] - w[0]) * plant.rate));
         // A random record of the same level is much steeper than a multisine of a few lines.
-        setting.u_rms[i] = rms(&sent[i]);
-        setting.u_slope[i] = all_sent.iter().map(|sent| slope(&sent[i])).fold(0.0, f64::max);
+        setting.u_rms[i] = rms(&sent[loudest][i]);
+        setting.u_slope[i] = sent.iter().map(|sent| slope(&sent[i])).fold(0.0, f64::max);
     }
+    let loudest = &records[loudest];
     for o in 0..p {
         setting.y_rms[o] = rms(loudest.y[o].iter().filter(|y| y.is_finite()));
         let all = records.iter().flat_map(|r| &r.y[o]);

@@ -51,6 +51,8 @@ pub(crate) fn by_level<'a>(
         problem.nuisance.ports_follow = problem.few();
     }
     if let Some(windows) = strong {
+        // A linear effect acts alike at all levels, so it is not what the louder records show.
+        begin.below = begin.below.filter(|fit| !fit.effects.iter().all(|placed| placed.effect.is_linear()));
         say(format!("windows of {} samples, up to {} of each record", windows.samples, windows.each));
         quick = windows.of(&quick, noise);
         begin.windows = Some(noise);

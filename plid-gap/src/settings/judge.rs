@@ -114,7 +114,8 @@ group! {
         /// gap without them.
         no_worse: f64 = 1.001, "1", 1.0..=10.0;
         /// Held-out gap of an explanation, over that of the best one, below which it replaces the best one if it fits
-        /// as well.
+        /// as well. Likewise, the gap of the simulation as given, over that with which fits of the effects to some
+        /// records predict the others, below which the effects are not accepted.
         outdone: f64 = 0.7, "1", 0.0..=1.0;
         /// Largest number of explanations that are tried in place of one that diverges or predicts the held-out records
         /// worse than no effect. After these, the refit is used.

@@ -7,12 +7,12 @@ use nalgebra::{DMatrix, DVector, dmatrix};
 use plid_model::Model;
 
 use crate::answer::predict::Predictor;
-use crate::case::Case;
-use crate::case::record::rms;
+use crate::case::record::{Excitation, Record, rms};
+use crate::case::{Case, CaseConfig};
 use crate::diagnose;
 use crate::effects::Library;
 use crate::judge::verdict::Verdict;
-use crate::testing::{add_noise, diagnosed, four_records, random_input, run};
+use crate::testing::{self, add_noise, diagnosed, four_records, only, random_input, run};
 
 const SAMPLES: usize = 2000;
 
@@ -111,4 +111,57 @@ fn one_state_too_few_is_no_effect() {
         let lacks = found.sentence.contains("too few states") && found.sentence.contains("with 3 instead of 2");
         assert_eq!(lacks, states == 2, "{}", found.sentence);
     }
+}
+
+/// Returns a case of one record without a simulation. A sine of one hertz passes through a hysteresis with these
+/// parameters (alpha and uy of the actuator's effect) and two fast lags, and 0.2 % of noise is added.
+fn behind_hysteresis(alpha: f64, uy: f64) -> Case {
+    const PERIOD: usize = 200;
+    let noise = random_input(1, 10 * PERIOD, 1).remove(0);
+    let (mut before, mut z, mut x) = (0.0, 0.0, [0.0; 2]);
+    let mut records = (Vec::new(), Vec::new());
+    for k in 0..11 * PERIOD {
+        let u = (std::f64::consts::TAU * k as f64 / PERIOD as f64).sin();
+        let du: f64 = u - before;
+        z += alpha * du - (du.abs() * z + du * z.abs()) / (2.0 * uy);
+        before = u;
+        x[0] += 0.5 * (u - z - x[0]);
+        x[1] += 0.5 * (x[0] - x[1]);
+        if k >= PERIOD {
+            records.0.push(u);
+            records.1.push(x[1] + 0.002 * noise[k - PERIOD]);
+        }
+    }
+    let record = testing::record(vec![records.0], vec![records.1]);
+    let record = Record { excitation: Excitation::Periodic(PERIOD), from_rest: false, ..record };
+    let mut config = CaseConfig::new(200.0, vec!["u1".into()], vec!["y1".into()]);
+    (config.states, config.material) = (Some(2), 0.0);
+    let (model, controller, for_simulation, warnings) = (None, None, Vec::new(), Vec::new());
+    Case { config, model, controller, records: vec![record], for_simulation, warnings }
+}
+
+/// One sine at one level does not determine a model of two states, against which several laws explain the harmonics of
+/// a hysteresis. The warning says so, and no law is named.
+#[test]
+fn one_sine_names_no_law() {
+    let found = diagnosed(&behind_hysteresis(0.5, 0.5));
+    assert_eq!(found.verdict, Verdict::Unknown, "{}", found.sentence);
+    let words = "The inputs hold only 1 frequency, which does not determine a model of 2 states.";
+    assert!(found.warnings[0].contains(words), "{:?}", found.warnings);
+    assert!(found.gap.with_effect < 0.2 * found.gap.as_given, "{}", found.sentence);
+}
+
+/// If fits to parts of a record predict the other parts much worse than the simulation as given does, the explanation of the
+/// whole record is neither named nor written, and the stated gap is that of the simulation as given.
+#[test]
+fn what_parts_of_a_record_do_not_predict_is_not_named() {
+    let mut case = behind_hysteresis(0.1, 0.05);
+    only(&mut case, &["actuator-hysteresis", "joint-hysteresis", "cubic-stiffness"]);
+    let outcome = crate::diagnose(&case, &Library::standard(), &mut |_| {}).unwrap();
+    let (found, gap) = (&outcome.diagnosis, &outcome.diagnosis.gap);
+    assert_eq!(found.verdict, Verdict::Unknown, "{}", found.sentence);
+    assert!(gap.with_effect < 0.9 * gap.as_given && 0.7 * gap.crossed_gap > gap.as_given, "{gap:?}");
+    assert!(found.evidence.iter().any(|words| words.starts_with("Fits to some of the fitted records")));
+    assert!(outcome.simulation.effects.iter().all(|effect| effect.effect != "actuator-hysteresis"));
+    assert!((gap.predicted_held_out_gap / gap.as_given - 1.0).abs() < 0.1, "{gap:?}");
 }
