@@ -151,8 +151,8 @@ fn one_sine_names_no_law() {
     assert!(found.gap.with_effect < 0.2 * found.gap.as_given, "{}", found.sentence);
 }
 
-/// If fits to parts of a record predict the other parts much worse than the simulation as given does, the explanation of the
-/// whole record is neither named nor written, and the stated gap is that of the simulation as given.
+/// If fits to parts of a record predict the other parts much worse than the simulation as given does, the explanation
+/// of the whole record is neither named nor written, and the stated gap is that of the simulation as given.
 #[test]
 fn what_parts_of_a_record_do_not_predict_is_not_named() {
     let mut case = behind_hysteresis(0.1, 0.05);
