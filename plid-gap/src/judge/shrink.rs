@@ -167,7 +167,7 @@ pub fn gaps(
     let predicted_as_given = predicted_as_given(explained, stated.gap, loudest);
     let determined = predicted_as_given.is_none().then_some(with_effect);
     let follows = Follows::of([as_given, bounded], determined, problem.settings.judge.no_worse);
-    let expected = expected(explained, follows, &crossed, with_effect);
+    let expected = expected(explained, follows, (&crossed, loudest), with_effect);
     let gap = Gap {
         as_given,
         refit: bounded,
@@ -195,11 +195,13 @@ pub fn gaps(
 /// predict the others much worse. The records do not determine such effects, however well they fit all of them.
 fn predicted_as_given(explained: &Explained, crossed: f64, loudest: &Record) -> Option<f64> {
     let Explained { ready, found, .. } = explained;
+    if found.best.effects.is_empty() {
+        return None;
+    }
     let records = &ready.problem.records;
     let simulated: Vec<_> = records.iter().map(|record| run(ready.as_given(), &[], record)).collect();
     let as_given = gap::expected(records, &simulated, loudest.level());
-    let much_worse = ready.problem.settings.judge.outdone * crossed > as_given;
-    (!found.best.effects.is_empty() && much_worse).then_some(as_given)
+    (ready.problem.settings.judge.outdone * crossed > as_given).then_some(as_given)
 }
 
 /// Returns the gaps of free runs, unless a run diverged.
@@ -242,9 +244,13 @@ pub(crate) fn floor(explained: &Explained, rms: &[f64]) -> f64 {
 
 /// Returns the gap to expect of the model that is written. With the effects, it is corrected by the gap that they left
 /// in held-out records, if these are long enough.
-fn expected(explained: &Explained, follows: Follows, crossed: &Crossed, with_effect: f64) -> Stated {
+fn expected(
+    explained: &Explained,
+    follows: Follows,
+    (crossed, loudest): (&Crossed, &Record),
+    with_effect: f64,
+) -> Stated {
     let Explained { ready, refitted, found, .. } = explained;
-    let loudest = loudest(&ready.problem.records, ready.problem.settings.case.same_level);
     let level = loudest.level();
     let has_choice = !found.best.effects.is_empty() && !ready.held_out.is_empty();
     match follows {

@@ -220,8 +220,7 @@ const RIVALS: [&str; 5] =
 #[test]
 fn units_order_and_basis_change_nothing() {
     let (truth, _) = cubic(5, 0.06);
-    // Shorter records also show this.
-    let mut plain = case_of(5, quiet(5), &truth, 1000);
+    let mut plain = case(5, quiet(5), &truth);
     testing::only(&mut plain, &RIVALS);
     let first = diagnosed(&plain);
     let mut other = plain.clone();
