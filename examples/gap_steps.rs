@@ -91,7 +91,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
     let problem = &found.ready.problem;
     let plant = problem.nuisance.apply(&problem.plant, &found.fit().eta);
     let actions = problem.actions(&found.fit().effects);
-    let (gaps, _) = gaps(&found, &plant, &actions, &found.refitted.plant, &audit.case.config.nuisance);
+    let gaps = gaps(&found, &plant, &actions, &found.refitted.plant, &audit.case.config.nuisance);
     println!("held out: {:.2} % as given, {:.2} % with it", 100.0 * gaps.as_given, 100.0 * gaps.with_effect);
 
     // What next: the experiment that separates the remaining explanations.

@@ -3,29 +3,22 @@
 use std::collections::BTreeSet;
 
 use crate::case::record::{Excitation, Record};
+use crate::signal::lines::driven;
 
-/// Share of an input's power that a frequency must have to count.
-const LEAST_SHARE: f64 = 1e-4;
-
-/// Returns whether periodic inputs hold too few frequencies to determine a model of this number of states, and how
-/// many they hold. A frequency determines two numbers for each input and output, and a model has at least as many
-/// parameters as states for each of them (persistent excitation: L. Ljung, System Identification, 1999, section 13.2).
-/// Returns `None` if the frequencies suffice, or if an input does not repeat.
-pub fn too_few(records: &[Record], states: usize) -> Option<usize> {
+/// Returns the number of frequencies that periodic inputs hold, if they are too few to determine a model of this number
+/// of states. A frequency determines two numbers for each input and output, and a model has at least as many parameters
+/// as states for each of them (persistent excitation: L. Ljung, System Identification, 1999, section 13.2). Returns
+/// `None` if the frequencies suffice, or if an input does not repeat. `driven_line` is the setting.
+pub fn too_few(records: &[Record], states: usize, driven_line: f64) -> Option<usize> {
     let mut lines = BTreeSet::new();
     let (mut m, mut p) = (0, 0);
     for record in records.iter().filter(|record| record.is_driven()) {
         let Excitation::Periodic(period) = record.excitation else { return None };
         (m, p) = (record.u.len(), record.y.len());
-        for u in record.u.iter().filter(|u| u.len() >= period) {
-            let spectrum = plid_fourier::forward(&u[u.len() - period..]);
-            let power = |k: usize| spectrum[k].norm_sqr();
-            let varying = 1..=period / 2;
-            let all: f64 = varying.clone().map(power).sum();
-            // In turns per sample, so that records of other periods can be compared.
-            let seen = varying.filter(|&k| power(k) > LEAST_SHARE * all);
-            lines.extend(seen.map(|k| (k as f64 / period as f64 * 1e9).round() as u64));
-        }
+        let driven = driven(&record.u, period, driven_line);
+        // In turns per sample, so that records of other periods can be compared.
+        let turns = |k: usize| (k as f64 / period as f64 * 1e9).round() as u64;
+        lines.extend((0..driven.len()).filter(|&k| driven[k]).map(turns));
     }
     (!lines.is_empty() && 2 * lines.len() * m * p < states * (m + p)).then_some(lines.len())
 }
@@ -39,17 +32,18 @@ mod tests {
     /// One sine determines a model of one state, two a model of two states, and random inputs any model.
     #[test]
     fn a_model_needs_as_many_frequencies_as_states() {
+        let few = |records: &[Record], states: usize| too_few(records, states, 1e-3);
         let record = |cycles: &[f64]| {
             let sine = |k: usize| cycles.iter().map(|c| (TAU * c * k as f64 / 100.0).sin()).sum::<f64>();
             let u: Vec<f64> = (0..400).map(sine).collect();
             Record { excitation: Excitation::Periodic(100), ..testing::record(vec![u.clone()], vec![u]) }
         };
-        assert_eq!(too_few(&[record(&[3.0])], 1), None);
-        assert_eq!(too_few(&[record(&[3.0])], 2), Some(1));
-        assert_eq!(too_few(&[record(&[3.0]), record(&[3.0])], 2), Some(1));
-        assert_eq!(too_few(&[record(&[3.0]), record(&[5.0])], 2), None);
-        assert_eq!(too_few(&[record(&[3.0, 7.0])], 3), Some(2));
+        assert_eq!(few(&[record(&[3.0])], 1), None);
+        assert_eq!(few(&[record(&[3.0])], 2), Some(1));
+        assert_eq!(few(&[record(&[3.0]), record(&[3.0])], 2), Some(1));
+        assert_eq!(few(&[record(&[3.0]), record(&[5.0])], 2), None);
+        assert_eq!(few(&[record(&[3.0, 7.0])], 3), Some(2));
         let random = testing::random_input(1, 400, 1);
-        assert_eq!(too_few(&[record(&[3.0]), testing::record(random.clone(), random)], 30), None);
+        assert_eq!(few(&[record(&[3.0]), testing::record(random.clone(), random)], 30), None);
     }
 }

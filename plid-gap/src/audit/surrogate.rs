@@ -112,7 +112,8 @@ fn surrogate(case: &Case, fitted: Vec<Record>, of_simulator: bool, law: Option<&
         words += " The inputs are assumed to vary linearly between samples, which fits better than steps.";
     }
     words += &in_words(&offsets, &case.config.outputs);
-    let few = if of_simulator { None } else { lines::too_few(&fitted, model.n()) };
+    let driven_line = case.config.settings.signal.driven_line;
+    let few = if of_simulator { None } else { lines::too_few(&fitted, model.n(), driven_line) };
     words.extend(few.map(|count| {
         format!(
             " The inputs hold only {count} frequenc{}, which do{} not determine a model of {} states. Record a band of \

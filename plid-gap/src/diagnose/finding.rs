@@ -279,14 +279,8 @@ impl<'f, 'a> Finding<'f, 'a> {
     /// Returns the linear parameters and the effects of the simulation that is written. Both are fitted to all records
     /// after all statements have been made.
     fn predicting(&self) -> (Vec<f64>, Vec<Placed<'a>>) {
-        let (fit, gap) = (self.explained.predicting(), &self.judged.gaps);
-        // An effect that causes an immaterial gap is not named, but it is part of the prediction.
-        let named = self.judged.weighted.first().is_some_and(|top| !top.effects.is_empty());
-        let explains = self.judged.verdict != Verdict::None || named;
-        let explains = explains && self.judged.predicted_as_given.is_none();
-        let with_effect = explains.then_some(gap.with_effect);
-        let no_worse = self.explained.ready.problem.settings.judge.no_worse;
-        match Follows::of([gap.as_given, gap.refit], with_effect, no_worse) {
+        let fit = self.explained.predicting();
+        match self.judged.follows {
             Follows::AsGiven => (vec![0.0; fit.eta.len()], Vec::new()),
             Follows::Refit => (self.explained.refitted.eta.clone(), Vec::new()),
             Follows::Effects => with_all(&self.explained.ready, &fit).unwrap_or((fit.eta, fit.effects)),

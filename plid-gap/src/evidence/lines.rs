@@ -6,12 +6,11 @@
 //! Identification, 2012, chapter 4).
 
 use crate::case::record::{Channels, Excitation, Record};
-use crate::settings::EvidenceSettings;
-use plid_fourier::C;
+use crate::settings::{EvidenceSettings, GapSettings};
+use crate::signal::lines::{driven, periods, used};
 use plid_report::percent;
 
-/// Least number of periods that are averaged, because the noise is estimated from their differences. If as many
-/// follow the first period, the first one is left out, because the structure settles during it.
+/// Least number of periods that are averaged, because the noise is estimated from their differences.
 const LEAST_PERIODS: usize = 2;
 
 /// Number of neighbouring lines over which the noise is averaged, which gives a relative scatter of about a fifth.
@@ -75,7 +74,7 @@ impl Lines {
         rate: f64,
         linear: impl Fn(&Record) -> Channels,
         with: impl Fn(&Record) -> Channels,
-        settings: &EvidenceSettings,
+        settings: &GapSettings,
     ) -> Option<Self> {
         let odd = records.iter().filter_map(|record| Some((record, kinds(record, settings)?)));
         let (record, (period, kinds)) = odd.max_by(|a, b| a.0.level().total_cmp(&b.0.level()))?;
@@ -174,51 +173,24 @@ impl Lines {
 
 /// Returns the period and the role of each of its lines, if the record's input has odd lines only and leaves out enough
 /// of them.
-fn kinds(record: &Record, settings: &EvidenceSettings) -> Option<(usize, Vec<Option<Kind>>)> {
+fn kinds(record: &Record, settings: &GapSettings) -> Option<(usize, Vec<Option<Kind>>)> {
     let Excitation::Periodic(period) = record.excitation else { return None };
     if used(record.samples(), period).len() < LEAST_PERIODS {
         return None;
     }
-    let mut power = vec![0.0; period / 2 + 1];
-    for u in &record.u {
-        let lines = periods(u, period, &used(u.len(), period));
-        let most = lines.iter().skip(1).map(|line| line.0).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
-        power.iter_mut().zip(&lines).skip(1).for_each(|(to, line)| *to += line.0 / most);
-    }
-    let driven = |k: usize| power[k] > settings.driven_line;
-    let (first, last) = ((1..power.len()).find(|&k| driven(k))?, (1..power.len()).rev().find(|&k| driven(k))?);
+    let driven = driven(&record.u, period, settings.signal.driven_line);
+    let driven = |k: usize| driven[k];
+    let (first, last) = ((1..=period / 2).find(|&k| driven(k))?, (1..=period / 2).rev().find(|&k| driven(k))?);
     let kind = |k: usize| match k {
         _ if k < first || k > last => None,
         _ if driven(k) => Some(Kind::Driven),
         _ if k % 2 == 1 => Some(Kind::Odd),
         _ => Some(Kind::Even),
     };
-    let kinds: Vec<Option<Kind>> = (0..power.len()).map(kind).collect();
-    let enough = |kind: Kind| kinds.iter().filter(|k| **k == Some(kind)).count() >= settings.least_lines;
+    let kinds: Vec<Option<Kind>> = (0..=period / 2).map(kind).collect();
+    let enough = |kind: Kind| kinds.iter().filter(|k| **k == Some(kind)).count() >= settings.evidence.least_lines;
     let odd = (first..=last).all(|k| k % 2 == 1 || !driven(k));
     (odd && enough(Kind::Odd) && enough(Kind::Even)).then_some((period, kinds))
-}
-
-/// Returns the first sample of each period that is used. If enough periods follow the first one, the first one is
-/// left out, because the structure settles during it.
-fn used(samples: usize, period: usize) -> Vec<usize> {
-    let all = samples / period.max(1);
-    (usize::from(all > LEAST_PERIODS)..all).map(|k| k * period).collect()
-}
-
-/// Returns, for each line, the power of its periodic part over the periods that begin at `starts`, and the power of the
-/// noise in it.
-fn periods(x: &[f64], period: usize, starts: &[usize]) -> Vec<(f64, f64)> {
-    let each: Vec<Vec<C>> = starts.iter().map(|&from| plid_fourier::forward(&x[from..from + period])).collect();
-    let count = each.len() as f64;
-    // The transform of a line is half its amplitude times the number of samples.
-    let scale = 2.0 / (period * period) as f64;
-    let line = |k: usize| {
-        let mean = each.iter().map(|z| z[k]).sum::<C>() / count;
-        let left: f64 = each.iter().map(|z| (z[k] - mean).norm_sqr()).sum();
-        (scale * mean.norm_sqr(), scale * left / (count - 1.0) / count)
-    };
-    (0..=period / 2).map(line).collect()
 }
 
 /// Returns moving averages over neighbouring lines.
@@ -266,7 +238,7 @@ mod tests {
     fn lines(curve: impl Fn(f64) -> f64) -> Lines {
         let record = record(&odd(), &curve);
         let with = |r: &Record| vec![r.u[0].iter().map(|u| curve(*u)).collect()];
-        Lines::of(&[record], 100.0, |r: &Record| r.u.clone(), with, &EvidenceSettings::default()).unwrap()
+        Lines::of(&[record], 100.0, |r: &Record| r.u.clone(), with, &GapSettings::default()).unwrap()
     }
 
     #[test]
@@ -293,7 +265,7 @@ mod tests {
         let mut record = record(&odd(), curve);
         let of = |record: &Record| {
             let with = |r: &Record| vec![r.u[0].iter().map(|u| curve(*u)).collect()];
-            let settings = EvidenceSettings::default();
+            let settings = GapSettings::default();
             Lines::of(std::slice::from_ref(record), 100.0, |r: &Record| r.u.clone(), with, &settings).unwrap()
         };
         let (whole, share) = (of(&record), |lines: &Lines| odd_lines(lines).unwrap().share);
@@ -319,7 +291,7 @@ mod tests {
     fn records_of_other_lines_say_nothing() {
         let none = |lines: &[usize], curve: fn(f64) -> f64| {
             let run = |r: &Record| r.u.clone();
-            Lines::of(&[record(lines, curve)], 100.0, run, run, &EvidenceSettings::default())
+            Lines::of(&[record(lines, curve)], 100.0, run, run, &GapSettings::default())
         };
         assert_eq!(none(&(1..120).collect::<Vec<_>>(), |u| u), None);
         assert_eq!(none(&(1..120).step_by(2).collect::<Vec<_>>(), |u| u), None);

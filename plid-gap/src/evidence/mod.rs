@@ -49,7 +49,7 @@ impl Evidence {
             repeats: repetition::repeats(records, |k| with(&records[k])),
             tracks,
             resonances: each_alone(problem, refitted, noise),
-            lines: Lines::of(records, refitted.rate, linear, with, settings),
+            lines: Lines::of(records, refitted.rate, linear, with, &problem.settings),
         }
     }
 

@@ -4,11 +4,12 @@
 use crate::case::CaseConfig;
 use crate::case::levels::loudest;
 use crate::effects::Action;
+use crate::fit::free_run::run;
 use crate::fit::refit::clipped;
 use crate::judge::crossed::are_like;
 use crate::judge::explained::Explained;
 use crate::judge::family::with_kin;
-use crate::judge::gap::Blocks;
+use crate::judge::gap::{self, Blocks};
 use crate::judge::held_out::{HeldOut, held_out};
 use crate::judge::lacking_states::{LackingStates, lacking_states};
 use crate::judge::record_scatter::widened;
@@ -16,6 +17,7 @@ use crate::judge::shares::{Share, shares};
 use crate::judge::shrink::{Gap, blocks, gaps, opened};
 use crate::judge::stochastic_gap::{shown, squared_gap};
 use crate::judge::verdict::{Verdict, Weighted, outside, weigh};
+use crate::judge::written::{Follows, without_effects};
 use crate::plant::Plant;
 use crate::search::rules::Rules;
 use crate::search::stochastic::Stochastic;
@@ -50,6 +52,8 @@ pub struct Judgement<'j, 'a> {
     /// The gap that the simulation as given leaves in the fitted records, if fits of the explanation to some of them
     /// predict the others much worse.
     pub predicted_as_given: Option<f64>,
+    /// The model that follows the opened records and is written.
+    pub follows: Follows,
     /// The states that the simulation lacks, if no effect explains the records as well as further states do.
     pub lacking: Option<LackingStates>,
 }
@@ -69,31 +73,37 @@ impl<'j, 'a> Judgement<'j, 'a> {
         // A refit beyond the stated limits may imitate the effect itself.
         let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
         let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
-        let (mut gaps, predicted_as_given) = gaps(explained, &plant, &actions, bounded, &config.nuisance);
+        let mut gaps = gaps(explained, &plant, &actions, bounded, &config.nuisance);
+        let predicted_as_given = predicted_as_given(explained, gaps.crossed_gap);
         let held_out =
             if best.is_empty() { None } else { held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions) };
         let lacking = lacking_states(explained, &gaps, config.material);
         let simulated = blocks(&opened(explained), &plant, &actions);
         let shares = shares(explained, &simulated, bounded);
-        let unknown = match lacking {
-            Some(_) => problem.settings.judge.most_unknown.max(explained.judged.unknown),
-            None => unknown(explained, &gaps, &shares, held_out, config.material),
-        };
         // Against a model that the inputs do not determine, several laws may explain the same few harmonics.
         let unsure = predicted_as_given.is_some() || ready.undetermined && !best.is_empty();
-        let unknown = if unsure && gaps.as_given >= config.material {
-            problem.settings.judge.most_unknown.max(unknown)
+        let least = if lacking.is_some() || unsure && gaps.as_given >= config.material {
+            problem.settings.judge.most_unknown
         } else {
-            unknown
+            0.0
         };
-        let mut weighted =
-            weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
+        let unknown = match lacking {
+            Some(_) => explained.judged.unknown,
+            None => unknown(explained, &gaps, &shares, held_out, config.material),
+        };
+        let mut weighted = weigh(
+            &found.candidates,
+            unknown.max(least),
+            problem.rows() as f64,
+            explained.level,
+            &problem.settings,
+            &ready.off,
+        );
         // Quiet records are evidence that is independent of free runs.
         let shown = shown(explained, stochastic, rules).into_iter().map(|u| (u, squared_gap(explained, u)));
         // If the simulation is off in many small ways, a stochastic effect as small as these is not a cause.
         let least = if ready.widened.is_some() { config.material.powi(2) } else { 0.0 };
         let (shown, squared_gaps): (Vec<_>, Vec<f64>) = shown.filter(|(_, squared)| *squared >= least).unzip();
-        gaps.predicted_ci80 = widened(explained, &gaps, &shown, &squared_gaps);
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }
@@ -101,11 +111,14 @@ impl<'j, 'a> Judgement<'j, 'a> {
         if verdict == Verdict::None && weighted.first().is_some_and(|top| top.unknown) {
             put_nothing_first(&mut weighted, &problem.settings.judge);
         }
-        let of = |is: &dyn Fn(&Weighted) -> bool| weighted.iter().filter(|w| is(w)).map(|w| w.probability).sum();
-        let before = match verdict {
-            Verdict::None => of(&|w| !w.unknown && w.effects.is_empty()),
-            _ => of(&|w| w.unknown),
-        };
+        let explains = is_written(verdict, &weighted) && predicted_as_given.is_none();
+        let with_effect = explains.then_some(gaps.with_effect);
+        let follows = Follows::of([gaps.as_given, gaps.refit], with_effect, problem.settings.judge.no_worse);
+        if let Some(stated) = without_effects(explained, follows) {
+            (gaps.predicted_held_out_gap, gaps.predicted_ci80) = (stated.gap, stated.ci80);
+        }
+        gaps.predicted_ci80 = widened(explained, &gaps, &shown, &squared_gaps);
+        let before = before(verdict, &weighted);
         Self {
             plant,
             actions,
@@ -119,9 +132,38 @@ impl<'j, 'a> Judgement<'j, 'a> {
             verdict,
             before,
             predicted_as_given,
+            follows,
             lacking,
         }
     }
+}
+
+/// Returns the gap that the simulation as given leaves in the fitted records, if fits of the effects to some of them
+/// predict the others much worse. The records do not determine such effects, however well they fit all of them.
+fn predicted_as_given(explained: &Explained, crossed_gap: f64) -> Option<f64> {
+    let Explained { ready, found, .. } = explained;
+    if found.best.effects.is_empty() {
+        return None;
+    }
+    let (records, settings) = (&ready.problem.records, &ready.problem.settings);
+    let simulated: Vec<_> = records.iter().map(|record| run(ready.as_given(), &[], record)).collect();
+    let as_given = gap::expected(records, &simulated, loudest(records, settings.case.same_level).level());
+    (settings.judge.outdone * crossed_gap > as_given).then_some(as_given)
+}
+
+/// Returns the probability that nothing is missing, if that is the verdict; otherwise that of "something else".
+fn before(verdict: Verdict, weighted: &[Weighted]) -> f64 {
+    let is = |w: &&Weighted| match verdict {
+        Verdict::None => !w.unknown && w.effects.is_empty(),
+        _ => w.unknown,
+    };
+    weighted.iter().filter(is).map(|w| w.probability).sum()
+}
+
+/// Returns whether the effects of an explanation are part of the prediction if they predict well enough. An effect that
+/// causes an immaterial gap is not named, but it is part of the prediction.
+fn is_written(verdict: Verdict, weighted: &[Weighted]) -> bool {
+    verdict != Verdict::None || weighted.first().is_some_and(|top| !top.effects.is_empty())
 }
 
 /// Returns the probability of something else in view of the held-out records. An effect that does not simulate them

@@ -10,10 +10,9 @@ use crate::fit::free_run::run;
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Effort, Problem};
 use crate::fit::refit::refit;
-use crate::judge::crossed::{Crossed, Stated, are_long};
+use crate::judge::crossed::{Crossed, are_long};
 use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
-use crate::judge::written::{Follows, without_effects};
 use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
 use crate::search::stepwise::Search;
@@ -75,8 +74,8 @@ pub struct Gap {
     pub crossed_gap: f64,
     /// Gap to expect on a further record like the last one at full level. If the held-out records are long enough,
     /// this is `crossed_gap` times the ratio of the gap that they left to the gap expected at their level; otherwise
-    /// `crossed_gap`. If the effects are not written, because the simulation without them leaves a smaller gap in the
-    /// held-out records, it is the gap of that simulation in all records.
+    /// `crossed_gap`. If the effects are not written, it is the gap that the simulation without them leaves in all
+    /// records.
     pub predicted_held_out_gap: f64,
     /// Its 80 % interval.
     #[serde(default)]
@@ -116,15 +115,8 @@ impl Gap {
 }
 
 /// Measures the gaps on the held-out records, or on the loudest fitted one if none is held out. `plant` and `actions`
-/// are the simulation with the effects. Returns as well what the simulation as given leaves in the fitted records, if
-/// fits of the effects to some of them predict the others much worse.
-pub fn gaps(
-    explained: &Explained,
-    plant: &Plant,
-    actions: &[Action],
-    within: &Plant,
-    limits: &Limits,
-) -> (Gap, Option<f64>) {
+/// are the simulation with the effects. The gap to expect on a further record is that with the effects.
+pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &Plant, limits: &Limits) -> Gap {
     let Explained { ready, quick, refitted, found, .. } = explained;
     let problem = &ready.problem;
     let loudest = loudest(&problem.records, problem.settings.case.same_level);
@@ -133,7 +125,6 @@ pub fn gaps(
     let masked = || vec![Vec::new(); problem.plant.p];
     let whitened = |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, masked());
     let crossed = Crossed::of(problem, &explained.predicting(), whitened);
-    let stated = crossed.at(loudest.level());
     let opened = opened(explained);
     let of = |plant: &Plant, actions: &[Action]| blocks(&opened, plant, actions);
     let given = of(ready.as_given(), &[]);
@@ -164,11 +155,13 @@ pub fn gaps(
     let mut shrink_over = vec![over("bounded refit", &refit_blocks), over("free linear refit", &free_blocks)];
     shrink_over.extend(reference_blocks.as_ref().map(|blocks| over(REFERENCE, blocks)));
     let share = |gaps: [f64; 3]| share_of_ceiling(gaps, floor);
-    let predicted_as_given = predicted_as_given(explained, stated.gap, loudest);
-    let determined = predicted_as_given.is_none().then_some(with_effect);
-    let follows = Follows::of([as_given, bounded], determined, problem.settings.judge.no_worse);
-    let expected = expected(explained, follows, (&crossed, loudest), with_effect);
-    let gap = Gap {
+    let at_full_level = crossed.at(loudest.level());
+    let expected = if are_long(&ready.held_out, loudest) {
+        crossed.in_view_of(&ready.held_out, with_effect, loudest.level())
+    } else {
+        at_full_level
+    };
+    Gap {
         as_given,
         refit: bounded,
         within_limits: linear(&|| of(within, &[])).gap(),
@@ -182,26 +175,12 @@ pub fn gaps(
         shrink_over,
         share_of_ceiling: share([as_given, with_effect, ceiling_blocks.gap()]),
         share_of_ceiling_ci95: gap::drawn([&given, &with, &ceiling_blocks], share),
-        crossed_gap: stated.gap,
+        crossed_gap: at_full_level.gap,
         predicted_held_out_gap: expected.gap,
         predicted_ci80: expected.ci80,
         measured_on: opened.iter().map(|r| r.name.clone()).collect(),
         measured_on_fitted: ready.held_out.is_empty(),
-    };
-    (gap, predicted_as_given)
-}
-
-/// Returns the gap that the simulation as given leaves in the fitted records, if fits of the effects to some of them
-/// predict the others much worse. The records do not determine such effects, however well they fit all of them.
-fn predicted_as_given(explained: &Explained, crossed: f64, loudest: &Record) -> Option<f64> {
-    let Explained { ready, found, .. } = explained;
-    if found.best.effects.is_empty() {
-        return None;
     }
-    let records = &ready.problem.records;
-    let simulated: Vec<_> = records.iter().map(|record| run(ready.as_given(), &[], record)).collect();
-    let as_given = gap::expected(records, &simulated, loudest.level());
-    (ready.problem.settings.judge.outdone * crossed > as_given).then_some(as_given)
 }
 
 /// Returns the gaps of free runs, unless a run diverged.
@@ -240,25 +219,6 @@ pub(crate) fn floor(explained: &Explained, rms: &[f64]) -> f64 {
     let opened = opened(explained);
     let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
     gap::floor_over(rms, &measured)
-}
-
-/// Returns the gap to expect of the model that is written. With the effects, it is corrected by the gap that they left
-/// in held-out records, if these are long enough.
-fn expected(
-    explained: &Explained,
-    follows: Follows,
-    (crossed, loudest): (&Crossed, &Record),
-    with_effect: f64,
-) -> Stated {
-    let Explained { ready, refitted, found, .. } = explained;
-    let level = loudest.level();
-    let has_choice = !found.best.effects.is_empty() && !ready.held_out.is_empty();
-    match follows {
-        Follows::Refit if has_choice => without_effects(explained, &refitted.plant, level),
-        Follows::AsGiven if has_choice => without_effects(explained, ready.as_given(), level),
-        _ if are_long(&ready.held_out, loudest) => crossed.in_view_of(&ready.held_out, with_effect, level),
-        _ => crossed.at(level),
-    }
 }
 
 /// Returns the blocks of the measured outputs of records and of their free runs.

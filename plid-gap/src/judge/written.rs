@@ -1,5 +1,6 @@
 //! The model that is written: with the effects, unless it follows the held-out records better without them.
 
+use crate::case::levels::loudest;
 use crate::case::record::Record;
 use crate::fit::free_run::run;
 use crate::judge::crossed::{Crossed, Stated};
@@ -30,12 +31,22 @@ impl Follows {
     }
 }
 
-/// Returns the gap to expect of a linear model on a further record of a level, from all fitted and held-out records.
-pub fn without_effects(explained: &Explained, plant: &Plant, level: f64) -> Stated {
+/// Returns the gap to expect on a further record at full level if the effects of an explanation are not written: that
+/// of the linear model that is, in all fitted and held-out records.
+pub fn without_effects(explained: &Explained, follows: Follows) -> Option<Stated> {
     let ready = &explained.ready;
-    let records: Vec<Record> = ready.problem.records.iter().chain(&ready.held_out).cloned().collect();
+    let plant = match follows {
+        _ if explained.found.best.effects.is_empty() => return None,
+        Follows::Effects => return None,
+        Follows::Refit => &explained.refitted.plant,
+        Follows::AsGiven => ready.as_given(),
+    };
+    let fitted = &ready.problem.records;
+    let settings = &ready.problem.settings;
+    let records: Vec<Record> = fitted.iter().chain(&ready.held_out).cloned().collect();
     let simulated = records.iter().map(|record| run(plant, &[], record)).collect();
-    Crossed::new(&records, simulated, None, &ready.problem.settings.judge).at(level)
+    let level = loudest(fitted, settings.case.same_level).level();
+    Some(Crossed::new(&records, simulated, None, &settings.judge).at(level))
 }
 
 #[cfg(test)]

@@ -5,9 +5,6 @@ use super::group::group;
 group! {
     /// The evidence that does not enter the verdict: lines of multisines, resonances of single records, adaptive runs.
     EvidenceSettings {
-        /// Power of a line of an input, over that of its strongest line, above which the input drives the line. The
-        /// lines due to rounding by a converter have less power.
-        driven_line: f64 = 1e-3, "1", 0.0..=1.0;
         /// Smallest number of odd lines without input, and of even lines, for which their mean power is stated.
         least_lines: usize = 8, "lines", 1.0..=1e6;
         /// Excess of the power of such lines over the noise, in standard deviations of the mean power, above which a

@@ -43,5 +43,8 @@ group! {
         /// Share of an input's power at the frequency of a line above which the line may be the plant's response. A few
         /// bins of an input with a broad spectrum hold a much smaller share.
         driven_share: f64 = 0.05, "1", 0.0..=1.0;
+        /// Power of a line of a periodic input, over that of its strongest line, above which the input drives the
+        /// line. The lines due to rounding by a converter have less power.
+        driven_line: f64 = 1e-3, "1", 0.0..=1.0;
     }
 }
