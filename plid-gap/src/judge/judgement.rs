@@ -17,7 +17,7 @@ use crate::judge::shares::{Share, shares};
 use crate::judge::shrink::{Gap, blocks, gaps, opened};
 use crate::judge::stochastic_gap::{shown, squared_gap};
 use crate::judge::verdict::{Verdict, Weighted, outside, weigh};
-use crate::judge::written::{Follows, without_effects};
+use crate::judge::written::Follows;
 use crate::plant::Plant;
 use crate::search::rules::Rules;
 use crate::search::stochastic::Stochastic;
@@ -99,11 +99,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
             &problem.settings,
             &ready.off,
         );
-        // Quiet records are evidence that is independent of free runs.
-        let shown = shown(explained, stochastic, rules).into_iter().map(|u| (u, squared_gap(explained, u)));
-        // If the simulation is off in many small ways, a stochastic effect as small as these is not a cause.
-        let least = if ready.widened.is_some() { config.material.powi(2) } else { 0.0 };
-        let (shown, squared_gaps): (Vec<_>, Vec<f64>) = shown.filter(|(_, squared)| *squared >= least).unzip();
+        let (shown, squared_gaps) = acting(explained, stochastic, rules, config.material);
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }
@@ -112,11 +108,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
             put_nothing_first(&mut weighted, &problem.settings.judge);
         }
         let explains = is_written(verdict, &weighted) && predicted_as_given.is_none();
-        let with_effect = explains.then_some(gaps.with_effect);
-        let follows = Follows::of([gaps.as_given, gaps.refit], with_effect, problem.settings.judge.no_worse);
-        if let Some(stated) = without_effects(explained, follows) {
-            (gaps.predicted_held_out_gap, gaps.predicted_ci80) = (stated.gap, stated.ci80);
-        }
+        let follows = Follows::chosen(explained, &mut gaps, explains);
         gaps.predicted_ci80 = widened(explained, &gaps, &shown, &squared_gaps);
         let before = before(verdict, &weighted);
         Self {
@@ -149,6 +141,20 @@ fn predicted_as_given(explained: &Explained, crossed_gap: f64) -> Option<f64> {
     let simulated: Vec<_> = records.iter().map(|record| run(ready.as_given(), &[], record)).collect();
     let as_given = gap::expected(records, &simulated, loudest(records, settings.case.same_level).level());
     (settings.judge.outdone * crossed_gap > as_given).then_some(as_given)
+}
+
+/// Returns the stochastic effects that enter the answer, with the squared gap that each of them makes. Quiet records are
+/// evidence that is independent of free runs.
+fn acting<'j, 'a>(
+    explained: &Explained<'a>,
+    stochastic: &'j [Stochastic<'a>],
+    rules: &Rules,
+    material: f64,
+) -> (Vec<&'j Stochastic<'a>>, Vec<f64>) {
+    let shown = shown(explained, stochastic, rules).into_iter().map(|u| (u, squared_gap(explained, u)));
+    // If the simulation is off in many small ways, a stochastic effect as small as these is not a cause.
+    let least = if explained.ready.widened.is_some() { material.powi(2) } else { 0.0 };
+    shown.filter(|(_, squared)| *squared >= least).unzip()
 }
 
 /// Returns the probability that nothing is missing, if that is the verdict; otherwise that of "something else".

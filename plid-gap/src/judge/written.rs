@@ -5,7 +5,7 @@ use crate::case::record::Record;
 use crate::fit::free_run::run;
 use crate::judge::crossed::{Crossed, Stated};
 use crate::judge::explained::Explained;
-use crate::plant::Plant;
+use crate::judge::shrink::Gap;
 
 /// The model that follows the held-out records and is written.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,10 +19,22 @@ pub enum Follows {
 }
 
 impl Follows {
+    /// Chooses the model that is written, and states the gap to expect of it. `explains` is whether the effects of the
+    /// explanation are written if they predict well enough.
+    pub fn chosen(explained: &Explained, gaps: &mut Gap, explains: bool) -> Self {
+        let with_effect = explains.then_some(gaps.with_effect);
+        let no_worse = explained.ready.problem.settings.judge.no_worse;
+        let follows = Self::of([gaps.as_given, gaps.refit], with_effect, no_worse);
+        if let Some(Stated { gap, ci80 }) = without_effects(explained, follows) {
+            (gaps.predicted_held_out_gap, gaps.predicted_ci80) = (gap, ci80);
+        }
+        follows
+    }
+
     /// Chooses the model by the gaps on held-out records: of the simulation as given and of its refit, and with the
     /// effects if there are any to write. The effects are left out if they predict worse than one of the others does;
     /// the gap of effects whose free run diverges is no number.
-    pub fn of([as_given, refit]: [f64; 2], with_effect: Option<f64>, no_worse: f64) -> Self {
+    fn of([as_given, refit]: [f64; 2], with_effect: Option<f64>, no_worse: f64) -> Self {
         match with_effect {
             Some(gap) if gap <= no_worse * as_given.min(refit) => Self::Effects,
             _ if refit <= as_given => Self::Refit,
@@ -33,7 +45,7 @@ impl Follows {
 
 /// Returns the gap to expect on a further record at full level if the effects of an explanation are not written: that
 /// of the linear model that is, in all fitted and held-out records.
-pub fn without_effects(explained: &Explained, follows: Follows) -> Option<Stated> {
+fn without_effects(explained: &Explained, follows: Follows) -> Option<Stated> {
     let ready = &explained.ready;
     let plant = match follows {
         _ if explained.found.best.effects.is_empty() => return None,
