@@ -43,13 +43,13 @@ impl Follows {
     }
 }
 
-/// Returns the gap to expect on a further record at full level if the effects of an explanation are not written: that
-/// of the linear model that is, in all fitted and held-out records.
+/// Returns the gap to expect on a further record at full level if not the explanation but a linear model is written:
+/// that of this model in all fitted and held-out records. Without effects, the explanation is the refit.
 fn without_effects(explained: &Explained, follows: Follows) -> Option<Stated> {
     let ready = &explained.ready;
     let plant = match follows {
-        _ if explained.found.best.effects.is_empty() => return None,
         Follows::Effects => return None,
+        Follows::Refit if explained.found.best.effects.is_empty() => return None,
         Follows::Refit => &explained.refitted.plant,
         Follows::AsGiven => ready.as_given(),
     };
