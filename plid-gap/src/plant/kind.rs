@@ -102,7 +102,8 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     if plant.modes.is_empty() {
         return by_slope(plant, output);
     }
-    let mut distances: Vec<(f64, i32)> = (0..3).map(|order| (distance(plant, output, order), order)).collect();
+    let rest = if plant.chain.known() { Rest::Chain } else { Rest::RigidBody };
+    let mut distances: Vec<(f64, i32)> = (0..3).map(|order| (distance(plant, output, order, rest), order)).collect();
     distances.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [(nearest, order), (next, _), ..] = distances[..] else { return Sensed::ASSUMED };
     // The distance is NaN if nothing can be compared, and NaN is not below the threshold.
@@ -116,7 +117,7 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
 /// Returns the sum, over all outputs that measure a motion, of the distances of their responses from those of the
 /// actuators, modes, filters and sensors together, divided by the number of all outputs; NaN if it is not known.
 pub(super) fn misfit(plant: &Plant) -> f64 {
-    let of = |o: usize| plant.sensed[o].order().map(|order| distance(plant, o, order));
+    let of = |o: usize| plant.sensed[o].order().map(|order| distance(plant, o, order, Rest::Chain));
     (0..plant.p).filter_map(of).sum::<f64>() / plant.p as f64
 }
 
@@ -136,24 +137,35 @@ fn by_slope(plant: &Plant, output: usize) -> Sensed {
     }
 }
 
+/// The part that the poles beside the modes have in a response.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Rest {
+    /// They belong to actuators and filters, through which the modes act and are seen.
+    Chain,
+    /// They add to the modes, as the motion of a rigid body does: the motor of a drive turns its load as well.
+    RigidBody,
+}
+
 /// Returns the mean of |G - G_k|^2 / (|G|^2 + |G_k|^2) over inputs and logarithmic frequencies. G is the simulation's
-/// response, and G_k that of its modes if sensors measure the k-th derivative. NaN without modes or if the rest has no
-/// continuous form.
-fn distance(plant: &Plant, output: usize, order: i32) -> f64 {
+/// response, and G_k that of its modes and of the rest if sensors measure the k-th derivative. NaN without modes or if
+/// the rest has no continuous form.
+fn distance(plant: &Plant, output: usize, order: i32, rest: Rest) -> f64 {
     let (Some(lowest), Some(highest)) = (plant.modes.first(), plant.modes.last()) else { return f64::NAN };
     let (from, to) = (BELOW * lowest.hz(), (ABOVE * highest.hz()).min(plant.rate / 2.0));
     let mut sum = 0.0;
     for step in 0..FREQUENCIES {
         let hz = from * (to / from).powf(step as f64 / (FREQUENCIES - 1) as f64);
         let s = C::new(0.0, TAU * hz);
-        let Some(response) = response(plant, output, s) else { return f64::NAN };
-        for (i, given) in response.into_iter().enumerate() {
+        let Some(beside) = beside_modes(plant, output, s) else { return f64::NAN };
+        for (i, beside) in beside.into_iter().enumerate() {
+            let given = beside + plant.d[(output, i)] + of_modes(plant, output, i, s);
             let through = plant.chain.before(i, s) * plant.chain.behind(output, s);
             let modes = plant.modes.iter();
             let of_order: C = modes
                 .map(|mode| plant.product_of(mode, output, i, order) * Plant::derivative(order, mode.pole, s))
                 .sum::<C>()
-                * through;
+                * through
+                + if rest == Rest::RigidBody { beside } else { C::ZERO };
             let both = given.norm_sqr() + of_order.norm_sqr();
             sum += if both > 0.0 { (given - of_order).norm_sqr() / both } else { 0.0 };
         }
@@ -164,22 +176,28 @@ fn distance(plant: &Plant, output: usize, order: i32) -> f64 {
 /// Returns the response of one output to each input (m) at s, in continuous time; `None` if the rest has no continuous
 /// form.
 fn response(plant: &Plant, output: usize, s: C) -> Option<Vec<C>> {
+    let beside = beside_modes(plant, output, s)?.into_iter().enumerate();
+    Some(beside.map(|(i, beside)| beside + plant.d[(output, i)] + of_modes(plant, output, i, s)).collect())
+}
+
+/// Returns the part of the poles beside the modes in the response of one output to each input (m).
+fn beside_modes(plant: &Plant, output: usize, s: C) -> Option<Vec<C>> {
     let (a, b) = plant.rest.continuous.as_ref()?;
-    let rest = if a.is_empty() {
-        vec![C::ZERO; plant.m]
-    } else {
-        let shifted = DMatrix::from_diagonal_element(a.nrows(), a.nrows(), s) - a.map(C::from);
-        let states = shifted.lu().solve(&b.map(C::from))?;
-        (plant.rest.c.row(output).map(C::from) * states).iter().copied().collect()
+    if a.is_empty() {
+        return Some(vec![C::ZERO; plant.m]);
+    }
+    let shifted = DMatrix::from_diagonal_element(a.nrows(), a.nrows(), s) - a.map(C::from);
+    let states = shifted.lu().solve(&b.map(C::from))?;
+    Some((plant.rest.c.row(output).map(C::from) * states).iter().copied().collect())
+}
+
+/// Returns the part of the modes in the response of one output to one input.
+fn of_modes(plant: &Plant, output: usize, input: usize, s: C) -> C {
+    let part = |mode: &super::Mode| {
+        let residue = mode.c[output] * mode.b[input];
+        residue / (s - mode.pole) + residue.conj() / (s - mode.pole.conj())
     };
-    let of_modes = |i: usize| -> C {
-        let part = |mode: &super::Mode| {
-            let residue = mode.c[output] * mode.b[i];
-            residue / (s - mode.pole) + residue.conj() / (s - mode.pole.conj())
-        };
-        plant.modes.iter().map(part).sum()
-    };
-    Some((0..plant.m).map(|i| C::from(plant.d[(output, i)]) + rest[i] + of_modes(i)).collect())
+    plant.modes.iter().map(part).sum()
 }
 
 #[cfg(test)]
@@ -217,6 +235,31 @@ mod tests {
         let plant = Plant::new(&model).unwrap();
         assert_eq!(plant.sensed[0], Sensed::inferred(0));
         assert!(!plant.chain.known());
+    }
+
+    /// A motor turns a load through an elastic shaft, and its position, its velocity or its acceleration is measured.
+    /// Both inertias turn together beside the mode.
+    #[test]
+    fn the_motion_of_a_drive_is_told_from_its_mode_and_its_rigid_body() {
+        let (motor, load, k, c, friction) = (0.01, 0.04, 400.0, 0.3, 0.07);
+        let a = nalgebra::dmatrix![
+            0.0, 1.0, 0.0, 0.0;
+            -k / motor, -(c + 0.3 * friction) / motor, k / motor, c / motor;
+            0.0, 0.0, 0.0, 1.0;
+            k / load, c / load, -k / load, -(c + 0.7 * friction) / load
+        ];
+        let (held, b) = testing::held(&a, &nalgebra::dmatrix![0.0; 1.0 / motor; 0.0; 0.0], 1.0 / 500.0);
+        for (row, d, kind) in [
+            (nalgebra::dmatrix![1.0, 0.0, 0.0, 0.0], 0.0, OutputKind::Position),
+            (nalgebra::dmatrix![0.0, 1.0, 0.0, 0.0], 0.0, OutputKind::Velocity),
+            (a.rows(1, 1).into_owned(), 1.0 / motor, OutputKind::Acceleration),
+        ] {
+            let d = DMatrix::from_element(1, 1, d);
+            let plant = Plant::new(&plid_model::Model::new(500.0, held.clone(), b.clone(), row, d).unwrap()).unwrap();
+            assert_eq!((plant.modes.len(), plant.sensed[0].kind), (1, kind));
+            let source = plant.sensed[0].source;
+            assert!(source == KindSource::Inferred || kind == OutputKind::Acceleration, "{kind:?} {source:?}");
+        }
     }
 
     #[test]
