@@ -10,6 +10,7 @@ mod channels;
 mod declared;
 mod drive;
 mod feedback;
+mod joint;
 mod kind;
 mod load;
 mod logarithm;
@@ -556,7 +557,10 @@ fn inferred(plant: &mut Plant, model: &Model) -> (Vec<Port>, PortSource) {
         return (axis::infer(plant, &model.inputs, &model.output_kinds), PortSource::Axis);
     }
     match reciprocal::infer(plant, &model.inputs, &model.outputs) {
-        Some(ports) => (ports, PortSource::Axis),
+        Some(mut ports) => {
+            ports.extend(joint::infer(plant, &ports));
+            (ports, PortSource::Axis)
+        }
         None => (ports::infer(plant, &model.inputs, &model.outputs), PortSource::Inferred),
     }
 }
