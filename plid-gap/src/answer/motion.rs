@@ -85,6 +85,7 @@ fn of_forces(plant: &Plant, names: &Names) -> Vec<String> {
                 format!("between the motion {} and the force {}", names.inputs[input], names.outputs[output])
             }
             (_, Some(_)) => format!("on the axis of {}", port.name),
+            (PortScale::Shown { .. }, None) => format!("in the elastic joint (port:{})", port.name),
             (_, None) => format!("at the output {}", port.name),
         };
         let places: Vec<String> = plant.ports.iter().map(place).collect();

@@ -1,0 +1,63 @@
+//! A motor that turns a load through an elastic shaft with free play. The true drive is integrated as in the blind
+//! cases, with the shaft as a port. The simulation has no port, and the motor's speed is the only output.
+
+use nalgebra::{DMatrix, dmatrix};
+use plid_model::{Continuous, Model, Port};
+
+use crate::case::record::Channels;
+use crate::testing::blind::integrate;
+use crate::testing::{case_of_axis, diagnosed_among, first_is, held, random_input};
+
+const RATE: f64 = 250.0;
+
+/// Number of samples over which a command is held.
+const HOLD: usize = 5;
+
+/// The stiffness of the shaft, and half of its free play. The shaft turns by about 0.01.
+const SHAFT: f64 = 100.0;
+const PLAY: f64 = 0.002;
+
+/// Returns the drive without free play: the positions and velocities of motor and load are its states.
+fn drive() -> Model {
+    let (motor, load, damper, brake) = (0.01, 0.04, 0.02, 1.0);
+    let a = dmatrix![
+        0.0, 1.0, 0.0, 0.0;
+        -SHAFT / motor, -damper / motor - brake, SHAFT / motor, damper / motor;
+        0.0, 0.0, 0.0, 1.0;
+        SHAFT / load, damper / load, -SHAFT / load, -damper / load - brake
+    ];
+    let b = dmatrix![0.0; 1.0 / motor; 0.0; 0.0];
+    let (step, input) = held(&a, &b, 1.0 / RATE);
+    let speed = dmatrix![0.0, 1.0, 0.0, 0.0];
+    let mut model = Model::new(RATE, step, input, speed, DMatrix::zeros(1, 1)).unwrap();
+    model.continuous = Some(Continuous { a, b });
+    model.ports = vec![Port {
+        name: "shaft".into(),
+        input: None,
+        force: vec![0.0, 1.0 / motor, 0.0, -1.0 / load],
+        displacement: vec![1.0, 0.0, -1.0, 0.0],
+        velocity: vec![0.0, 1.0, 0.0, -1.0],
+        output: None,
+    }];
+    model
+}
+
+/// Nothing is declared: neither the kind of the output nor a port.
+#[test]
+fn play_in_the_shaft_of_a_drive_is_named_at_its_joint() {
+    let input = |k: usize| -> Channels {
+        let drawn = &random_input(k as u64 + 1, 2000, 1)[0];
+        vec![(0..2000).map(|n| drawn[n / HOLD]).collect()]
+    };
+    let lost = |d: f64, _: f64| SHAFT * d.clamp(-PLAY, PLAY);
+    let simulation = Model { continuous: None, ports: Vec::new(), ..drive() };
+    let case = case_of_axis(&simulation, input, |u| integrate(&drive(), u, Some(&lost)).0);
+    let rivals = ["clearance", "modal-frequency", "added-damping", "coulomb-friction", "actuator-lag"];
+    let found = diagnosed_among(case, &[&["backlash"], &rivals[..]].concat());
+    let first = first_is(&found, "backlash", "port:joint");
+    let near = |name: &str, truth: f64| (first.parameters[name].value / truth - 1.0).abs() < 0.1;
+    assert!(near("k", SHAFT) && near("g", PLAY), "{}", found.text());
+    assert!(found.gap.with_effect < 1.5 * found.gap.noise_floor, "{}", found.sentence);
+    let said = "on the axis of u1 and in the elastic joint (port:joint)";
+    assert!(found.evidence.iter().any(|evidence| evidence.contains(said)), "{:?}", found.evidence);
+}
