@@ -1,5 +1,6 @@
 //! The kinds of the outputs and the locations of forces, as the diagnosis interpreted them.
 
+use crate::case::ON_A_MODE;
 use crate::effects::{Effect, Library, Names, Setting};
 use crate::fit::problem::Placed;
 use crate::plant::{KindSource, Plant, Port, PortScale, PortSource, Sensed};
@@ -80,15 +81,16 @@ fn of_forces(plant: &Plant, names: &Names) -> Vec<String> {
         return words;
     }
     if plant.port_source == PortSource::Axis {
-        let place = |port: &Port| match (port.scale, port.input) {
+        let place = |(k, port): (usize, &Port)| match (port.scale, port.input) {
             (PortScale::Moved { input, output }, _) => {
                 format!("between the motion {} and the force {}", names.inputs[input], names.outputs[output])
             }
             (_, Some(_)) => format!("on the axis of {}", port.name),
-            (PortScale::Shown { .. }, None) => format!("in the elastic joint (port:{})", port.name),
+            (_, None) if plant.is_joint(k) => format!("in the elastic joint (port:{})", port.name),
+            (_, None) if port.name.starts_with(ON_A_MODE) => format!("on {}", port.name),
             (_, None) => format!("at the output {}", port.name),
         };
-        let places: Vec<String> = plant.ports.iter().map(place).collect();
+        let places: Vec<String> = plant.ports.iter().enumerate().map(place).collect();
         words.push(format!("Forces that depend on the motion were considered {}.", places.join(" and ")));
     }
     let blind: Vec<&str> =

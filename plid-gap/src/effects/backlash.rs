@@ -39,7 +39,7 @@ impl Effect for Backlash {
             let stiffness = setting.stiffness[setting.port(place)];
             setting.sees_displacement(place) && stiffness.is_finite() && stiffness > 0.0
         };
-        setting.inertias().into_iter().filter(held).collect()
+        setting.transmissions().into_iter().filter(held).collect()
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {

@@ -153,13 +153,14 @@ impl Setting {
     }
 
     /// Returns the locations of linear forces: declared ports, and the axes of a plant without modes. At ports that
-    /// were inferred from modes, the frequency and the damping ratio of each mode serve instead.
+    /// were inferred from modes, and at the joint of a drive, the frequency and the damping ratio of each mode serve
+    /// instead.
     pub fn loads(&self) -> Vec<Place> {
         let exact = self.plant.port_source != PortSource::Inferred && self.plant.rest.continuous.is_some();
         let may_act = |place: &Place| {
             let port = self.port(place);
             // A linear force on a prescribed motion is a parameter of the linear model.
-            !self.is_on_a_mode(port) && self.plant.ports[port].moved_by().is_none()
+            !self.is_on_a_mode(port) && !self.plant.is_joint(port) && self.plant.ports[port].moved_by().is_none()
         };
         if exact { self.joints().into_iter().filter(may_act).collect() } else { Vec::new() }
     }
@@ -168,6 +169,12 @@ impl Setting {
     /// the lag of an actuator does not accelerate the port immediately.
     pub fn inertias(&self) -> Vec<Place> {
         self.loads().into_iter().filter(|place| self.plant.mobility(self.port(place)) > 0.0).collect()
+    }
+
+    /// Returns the locations of springs that the simulation contains: [`Setting::inertias`] and the joint of a drive.
+    pub fn transmissions(&self) -> Vec<Place> {
+        let joint = self.joints().into_iter().filter(|place| self.plant.is_joint(self.port(place)));
+        self.inertias().into_iter().chain(joint).collect()
     }
 
     /// Returns sizes of a linear force from which fits start: shares of the port's own value, or of `other` if the

@@ -194,7 +194,7 @@ fn measured_mobility(simulator: &mut Checked<'_>, port: usize) -> Result<f64, Si
                 forces[port] = size;
             }
         })?;
-        debug_assert!(motions.len() == 2 * steps && motions[0].len() == ports);
+        assert!(motions.len() == 2 * steps && motions[0].len() == ports);
         Ok(motions[1][port].velocity)
     };
     let still = after(0.0)?;

@@ -143,8 +143,8 @@ fn predicted_as_given(explained: &Explained, crossed_gap: f64) -> Option<f64> {
     (settings.judge.outdone * crossed_gap > as_given).then_some(as_given)
 }
 
-/// Returns the stochastic effects that enter the answer, with the squared gap that each of them makes. Quiet records are
-/// evidence that is independent of free runs.
+/// Returns the stochastic effects that enter the answer, with the squared gap that each of them makes. Quiet records
+/// are evidence that is independent of free runs.
 fn acting<'j, 'a>(
     explained: &Explained<'a>,
     stochastic: &'j [Stochastic<'a>],
@@ -166,8 +166,8 @@ fn before(verdict: Verdict, weighted: &[Weighted]) -> f64 {
     weighted.iter().filter(is).map(|w| w.probability).sum()
 }
 
-/// Returns whether the effects of an explanation are part of the prediction if they predict well enough. An effect that
-/// causes an immaterial gap is not named, but it is part of the prediction.
+/// Returns whether the effects of an explanation may be written, provided that they predict well. An effect that causes
+/// an immaterial gap is not named, but it is part of the prediction.
 fn is_written(verdict: Verdict, weighted: &[Weighted]) -> bool {
     verdict != Verdict::None || weighted.first().is_some_and(|top| !top.effects.is_empty())
 }

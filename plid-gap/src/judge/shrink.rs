@@ -74,8 +74,8 @@ pub struct Gap {
     pub crossed_gap: f64,
     /// Gap to expect on a further record like the last one at full level. If the held-out records are long enough,
     /// this is `crossed_gap` times the ratio of the gap that they left to the gap expected at their level; otherwise
-    /// `crossed_gap`. If the simulation is written without the effects, or as given, it is the gap that this simulation
-    /// leaves in all records.
+    /// `crossed_gap`. If effects were found and are not written, or if the simulation is written as given, it is the
+    /// gap that the simulation that is written leaves in all records.
     pub predicted_held_out_gap: f64,
     /// Its 80 % interval.
     #[serde(default)]

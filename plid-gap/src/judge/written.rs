@@ -1,4 +1,5 @@
-//! The model that is written: with the effects, unless it follows the held-out records better without them.
+//! The model that is written: with the effects, unless nothing is missing or it follows the held-out records better
+//! without them.
 
 use crate::case::levels::loudest;
 use crate::case::record::Record;

@@ -2,8 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::{Plant, Port};
-use plid_fourier::C;
+use super::{Plant, Port, PortScale};
 
 /// Name of the port.
 pub(super) const NAME: &str = "joint";
@@ -12,16 +11,16 @@ pub(super) const NAME: &str = "joint";
 /// joint and its reaction leave their common motion as it is.
 const SLOW: f64 = 0.1;
 
-/// Smallest share of the acceleration at a port that its common motion, or its mode, must have. With less, one of the
+/// Smallest share of the acceleration at the axis that the common motion must have, and the mode. With less, one of the
 /// bodies has almost no inertia.
 const LEAST: f64 = 0.01;
 
-/// Largest share of the acceleration at a port that the common motion has if the port is the joint itself.
+/// Largest ratio of the acceleration in the common motion to that in the mode if a port is the joint itself.
 const ITSELF: f64 = 0.05;
 
-/// Returns the port across the elastic joint of a drive: two bodies with one mode, of which the input drives the first.
-/// `ports` are the others, that of the input first. `None` if the plant is no such drive, or if one of the ports is the
-/// joint.
+/// Returns the port across the elastic joint of a drive: two bodies coupled by one mode, the first of which the input
+/// drives. `ports` are the others, that of the input first. `None` if the plant is no such drive, or if one of the
+/// ports is the joint.
 ///
 /// Let j1 and j2 be the inertias. A unit input accelerates its axis by 1 / (j1 + j2) in the common motion, and by
 /// 1 / j1 - 1 / (j1 + j2) in the mode. The ratio of the second number to their sum is s = j2 / (j1 + j2). If the bodies
@@ -29,21 +28,19 @@ const ITSELF: f64 = 0.05;
 /// strongly as the input does.
 pub(super) fn infer(plant: &Plant, ports: &[Port]) -> Option<Port> {
     let ([mode], 1) = (plant.modes.as_slice(), plant.m) else { return None };
-    let axis = ports.first()?;
-    let poles = plant.rest.a.complex_eigenvalues();
-    let is_slow = |z: &C| z.ln().norm() * plant.rate < SLOW * mode.pole.norm();
-    if poles.is_empty() || !poles.iter().all(is_slow) || ports.iter().any(|port| port.name == NAME) {
+    let (axis, others) = ports.split_first()?;
+    if plant.fastest_beside()? > SLOW * mode.pole.norm() || ports.iter().any(|port| port.name == NAME) {
         return None;
     }
     let in_mode = |port: &Port| 2.0 * (port.velocity[0] * port.force[0]).re;
     let common = |port: &Port| port.velocity_rest.dot(&port.force_rest);
     let is_itself = |port: &Port| common(port).abs() < ITSELF * in_mode(port).abs();
     let s = in_mode(axis) / (in_mode(axis) + common(axis));
-    if !(LEAST..1.0 - LEAST).contains(&s) || ports.iter().any(is_itself) {
+    if !(LEAST..1.0 - LEAST).contains(&s) || others.iter().any(is_itself) {
         return None;
     }
     let none = DVector::zeros(plant.rest.a.nrows());
-    Some(Port {
+    let joint = Port {
         name: NAME.into(),
         input: None,
         scale: axis.scale,
@@ -55,38 +52,52 @@ pub(super) fn infer(plant: &Plant, ports: &[Port]) -> Option<Port> {
         displacement_rest: none.clone(),
         velocity_rest: none,
         output: Vec::new(),
-    })
+    };
+    // A force in the joint does not displace it at once, unless friction couples the mode with the common motion.
+    let displaced = joint.at_once(&joint.displacement, &joint.displacement_rest);
+    let is_free = mode.pole.norm() * displaced.abs() < plant.settings.at_once * in_mode(&joint);
+    is_free.then_some(joint)
+}
+
+impl Plant {
+    /// Returns whether a port is the elastic joint of a drive, as it is inferred.
+    pub fn is_joint(&self, port: usize) -> bool {
+        let port = &self.ports[port];
+        port.name == NAME && port.input.is_none() && matches!(port.scale, PortScale::Shown { .. })
+    }
+
+    /// Returns the magnitude of the fastest pole beside the modes, in rad/s; `None` if there is none.
+    pub(super) fn fastest_beside(&self) -> Option<f64> {
+        if self.rest.a.is_empty() {
+            return None;
+        }
+        let poles = plid_model::eigenvalues(&self.rest.a).ok()?;
+        poles.iter().map(|z| z.ln().norm() * self.rate).reduce(f64::max)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::plant::PortSource;
+    use crate::testing::drive::{LOAD, MOTOR, matrix};
     use nalgebra::{DMatrix, dmatrix};
     use plid_model::{Model, OutputKind};
 
-    const MOTOR: f64 = 0.01;
-    const LOAD: f64 = 0.04;
+    const SHAFT: f64 = 400.0;
 
-    /// Returns a motor and a load with an elastic shaft of this stiffness; bearings brake both in proportion to their
-    /// inertias, and a spring of this stiffness may hold the motor. The position or the velocity of the motor is
-    /// measured.
-    fn drive(k: f64, spring: f64, kind: OutputKind) -> Plant {
-        let (c, brake) = (0.2, 1.5);
-        let a = dmatrix![
-            0.0, 1.0, 0.0, 0.0;
-            -(k + spring) / MOTOR, -c / MOTOR - brake, k / MOTOR, c / MOTOR;
-            0.0, 0.0, 0.0, 1.0;
-            k / LOAD, c / LOAD, -k / LOAD, -c / LOAD - brake
-        ];
-        let row = if kind == OutputKind::Position { 0 } else { 1 };
-        // Without a position, the common motion has no position either.
-        let twist = dmatrix![1.0, 0.0, -1.0, 0.0; 0.0, 1.0, 0.0, 0.0; 0.0, 0.0, 0.0, 1.0];
+    /// Returns a motor and a load whose bearings brake them; a spring of this stiffness may hold the motor. The
+    /// position or the velocity of the motor is measured.
+    fn drive(brakes: [f64; 2], spring: f64, kind: OutputKind) -> Plant {
+        let mut a = matrix(SHAFT, 0.2, brakes);
+        a[(1, 0)] -= spring / MOTOR;
         let (a, b, c) = if kind == OutputKind::Position {
-            (a, dmatrix![0.0; 1.0 / MOTOR; 0.0; 0.0], DMatrix::from_fn(1, 4, |_, j| f64::from(u8::from(j == row))))
+            (a, dmatrix![0.0; 1.0 / MOTOR; 0.0; 0.0], dmatrix![1.0, 0.0, 0.0, 0.0])
         } else {
+            // Without a position, the common motion has no position either: the twist and the velocities remain.
+            let twist = dmatrix![1.0, 0.0, -1.0, 0.0; 0.0, 1.0, 0.0, 0.0; 0.0, 0.0, 0.0, 1.0];
             let back = twist.clone().pseudo_inverse(1e-12).unwrap();
-            (&twist * a * &back, dmatrix![0.0; 1.0 / MOTOR; 0.0], dmatrix![0.0, 1.0, 0.0])
+            (twist * a * back, dmatrix![0.0; 1.0 / MOTOR; 0.0], dmatrix![0.0, 1.0, 0.0])
         };
         let (a, b) = crate::testing::held(&a, &b, 2e-3);
         let mut model = Model::new(500.0, a, b, c, DMatrix::zeros(1, 1)).unwrap();
@@ -94,25 +105,29 @@ mod tests {
         Plant::new(&model).unwrap()
     }
 
-    /// The joint has the stiffness of the shaft and the mobility 1 / j1 + 1 / j2 of both inertias.
+    /// The joint has the stiffness of the shaft and the mobility 1 / j1 + 1 / j2 of both inertias. If the friction is
+    /// that of the motor alone, it couples the mode with the common motion.
     #[test]
     fn the_joint_of_a_drive_is_that_of_its_equations() {
         for kind in [OutputKind::Position, OutputKind::Velocity] {
-            let plant = drive(400.0, 0.0, kind);
-            assert_eq!(plant.port_source, PortSource::Axis);
-            let names: Vec<&str> = plant.ports.iter().map(|port| port.name.as_str()).collect();
-            assert_eq!(names, ["u1", NAME], "{kind:?}");
-            let (stiffness, mobility) = (plant.stiffness(&plant.ports[1]), plant.mobility(1));
-            assert!((stiffness / 400.0 - 1.0).abs() < 1e-3, "{kind:?}: {stiffness}");
-            assert!((mobility / (1.0 / MOTOR + 1.0 / LOAD) - 1.0).abs() < 1e-6, "{kind:?}: {mobility}");
-            assert!(plant.ports[1].sees_displacement());
+            for (brakes, error) in [([1.5, 1.5], 1e-3), ([7.5, 0.0], 0.02)] {
+                let plant = drive(brakes, 0.0, kind);
+                assert_eq!(plant.port_source, PortSource::Axis);
+                let names: Vec<&str> = plant.ports.iter().map(|port| port.name.as_str()).collect();
+                assert_eq!(names, ["u1", NAME], "{kind:?}");
+                let (stiffness, mobility) = (plant.stiffness(&plant.ports[1]), plant.mobility(1));
+                assert!((stiffness / SHAFT - 1.0).abs() < error, "{kind:?}: {stiffness}");
+                assert!((mobility / (1.0 / MOTOR + 1.0 / LOAD) - 1.0).abs() < error, "{kind:?}: {mobility}");
+                assert!(plant.is_joint(1) && !plant.is_joint(0) && plant.ports[1].sees_displacement());
+            }
         }
     }
 
-    /// A motor that a spring holds does not move freely with its load.
+    /// A motor that a spring holds does not move freely with its load, nor does one with much friction.
     #[test]
     fn a_held_motor_has_no_such_joint() {
-        let plant = drive(400.0, 100.0, OutputKind::Position);
-        assert!(plant.ports.iter().all(|port| port.name != NAME));
+        for plant in [drive([1.5, 1.5], 100.0, OutputKind::Position), drive([70.0, 0.0], 0.0, OutputKind::Velocity)] {
+            assert!(plant.ports.iter().all(|port| port.name != NAME));
+        }
     }
 }

@@ -11,7 +11,7 @@ use nalgebra::DMatrix;
 use plid_model::OutputKind;
 use serde::Serialize;
 
-use super::Plant;
+use super::{Plant, lowest};
 use plid_fourier::C;
 
 /// Number of frequencies at which the orders are compared.
@@ -102,8 +102,7 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     if plant.modes.is_empty() {
         return by_slope(plant, output);
     }
-    let rest = if plant.chain.known() { Rest::Chain } else { Rest::RigidBody };
-    let mut distances: Vec<(f64, i32)> = (0..3).map(|order| (distance(plant, output, order, rest), order)).collect();
+    let mut distances: Vec<(f64, i32)> = (0..3).map(|order| (distance(plant, output, order), order)).collect();
     distances.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [(nearest, order), (next, _), ..] = distances[..] else { return Sensed::ASSUMED };
     // The distance is NaN if nothing can be compared, and NaN is not below the threshold.
@@ -117,7 +116,7 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
 /// Returns the sum, over all outputs that measure a motion, of the distances of their responses from those of the
 /// actuators, modes, filters and sensors together, divided by the number of all outputs; NaN if it is not known.
 pub(super) fn misfit(plant: &Plant) -> f64 {
-    let of = |o: usize| plant.sensed[o].order().map(|order| distance(plant, o, order, Rest::Chain));
+    let of = |o: usize| plant.sensed[o].order().map(|order| distance(plant, o, order));
     (0..plant.p).filter_map(of).sum::<f64>() / plant.p as f64
 }
 
@@ -137,19 +136,17 @@ fn by_slope(plant: &Plant, output: usize) -> Sensed {
     }
 }
 
-/// The part that the poles beside the modes have in a response.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Rest {
-    /// They belong to actuators and filters, through which the modes act and are seen.
-    Chain,
-    /// They add to the modes, as the motion of a rigid body does: the motor of a drive turns its load as well.
-    RigidBody,
+/// Returns whether the poles beside the modes belong to the motion of a rigid body, as a motor and its load turn
+/// together: whether they are slower than all modes, and no actuator or filter is known.
+fn moves_freely(plant: &Plant) -> bool {
+    !plant.chain.known() && plant.fastest_beside().is_some_and(|pole| pole < lowest(&plant.modes))
 }
 
 /// Returns the mean of |G - G_k|^2 / (|G|^2 + |G_k|^2) over inputs and logarithmic frequencies. G is the simulation's
-/// response, and G_k that of its modes and of the rest if sensors measure the k-th derivative. NaN without modes or if
-/// the rest has no continuous form.
-fn distance(plant: &Plant, output: usize, order: i32, rest: Rest) -> f64 {
+/// response, and G_k that of its modes, and of a rigid body beside them, if sensors measure the k-th derivative. NaN
+/// without modes or if the rest has no continuous form.
+fn distance(plant: &Plant, output: usize, order: i32) -> f64 {
+    let free = moves_freely(plant);
     let (Some(lowest), Some(highest)) = (plant.modes.first(), plant.modes.last()) else { return f64::NAN };
     let (from, to) = (BELOW * lowest.hz(), (ABOVE * highest.hz()).min(plant.rate / 2.0));
     let mut sum = 0.0;
@@ -165,7 +162,7 @@ fn distance(plant: &Plant, output: usize, order: i32, rest: Rest) -> f64 {
                 .map(|mode| plant.product_of(mode, output, i, order) * Plant::derivative(order, mode.pole, s))
                 .sum::<C>()
                 * through
-                + if rest == Rest::RigidBody { beside } else { C::ZERO };
+                + if free { beside } else { C::ZERO };
             let both = given.norm_sqr() + of_order.norm_sqr();
             sum += if both > 0.0 { (given - of_order).norm_sqr() / both } else { 0.0 };
         }
@@ -203,6 +200,7 @@ fn of_modes(plant: &Plant, output: usize, input: usize, s: C) -> C {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::drive::{MOTOR, matrix};
     use crate::testing::{self, Sensor};
 
     /// The kind of each sensor is inferred for the same truss, with actuators and filters.
@@ -241,18 +239,12 @@ mod tests {
     /// Both inertias turn together beside the mode.
     #[test]
     fn the_motion_of_a_drive_is_told_from_its_mode_and_its_rigid_body() {
-        let (motor, load, k, c, friction) = (0.01, 0.04, 400.0, 0.3, 0.07);
-        let a = nalgebra::dmatrix![
-            0.0, 1.0, 0.0, 0.0;
-            -k / motor, -(c + 0.3 * friction) / motor, k / motor, c / motor;
-            0.0, 0.0, 0.0, 1.0;
-            k / load, c / load, -k / load, -(c + 0.7 * friction) / load
-        ];
-        let (held, b) = testing::held(&a, &nalgebra::dmatrix![0.0; 1.0 / motor; 0.0; 0.0], 1.0 / 500.0);
+        let a = matrix(400.0, 0.3, [2.1, 1.2]);
+        let (held, b) = testing::held(&a, &nalgebra::dmatrix![0.0; 1.0 / MOTOR; 0.0; 0.0], 1.0 / 500.0);
         for (row, d, kind) in [
             (nalgebra::dmatrix![1.0, 0.0, 0.0, 0.0], 0.0, OutputKind::Position),
             (nalgebra::dmatrix![0.0, 1.0, 0.0, 0.0], 0.0, OutputKind::Velocity),
-            (a.rows(1, 1).into_owned(), 1.0 / motor, OutputKind::Acceleration),
+            (a.rows(1, 1).into_owned(), 1.0 / MOTOR, OutputKind::Acceleration),
         ] {
             let d = DMatrix::from_element(1, 1, d);
             let plant = Plant::new(&plid_model::Model::new(500.0, held.clone(), b.clone(), row, d).unwrap()).unwrap();
@@ -260,6 +252,24 @@ mod tests {
             let source = plant.sensed[0].source;
             assert!(source == KindSource::Inferred || kind == OutputKind::Acceleration, "{kind:?} {source:?}");
         }
+    }
+
+    /// Two equal poles of a filter cannot be assigned to it. They are no motion of a rigid body, and the accelerometer
+    /// in front of them is no position sensor.
+    #[test]
+    fn an_accelerometer_behind_equal_poles_remains_one() {
+        let (w, filter, rate) = (TAU * 50.0, TAU * 600.0, 4000.0);
+        let a = nalgebra::dmatrix![
+            0.0, 1.0, 0.0, 0.0;
+            -w * w, -0.02 * w, 0.0, 0.0;
+            -w * w * filter, -0.02 * w * filter, -filter, 0.0;
+            0.0, 0.0, filter, -filter
+        ];
+        let (a, b) = testing::held(&a, &nalgebra::dmatrix![0.0; 1.0; filter; 0.0], 1.0 / rate);
+        let c = nalgebra::dmatrix![0.0, 0.0, 0.0, 1.0];
+        let plant = Plant::new(&plid_model::Model::new(rate, a, b, c, DMatrix::zeros(1, 1)).unwrap()).unwrap();
+        assert!(!plant.chain.known());
+        assert_eq!(plant.sensed[0].kind, OutputKind::Acceleration);
     }
 
     #[test]

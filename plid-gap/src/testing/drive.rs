@@ -13,20 +13,29 @@ const RATE: f64 = 250.0;
 /// Number of samples over which a command is held.
 const HOLD: usize = 5;
 
+/// Inertias of the motor and of the load.
+pub const MOTOR: f64 = 0.01;
+pub const LOAD: f64 = 0.04;
+
 /// The stiffness of the shaft, and half of its free play. The shaft turns by about 0.01.
 const SHAFT: f64 = 100.0;
 const PLAY: f64 = 0.002;
 
-/// Returns the drive without free play: the positions and velocities of motor and load are its states.
-fn drive() -> Model {
-    let (motor, load, damper, brake) = (0.01, 0.04, 0.02, 1.0);
-    let a = dmatrix![
+/// Returns the matrix of the position and velocity of the motor, and of those of the load. The shaft has a stiffness
+/// and a damper; `brakes` are the viscous frictions of motor and load over their inertias.
+pub fn matrix(shaft: f64, damper: f64, brakes: [f64; 2]) -> DMatrix<f64> {
+    dmatrix![
         0.0, 1.0, 0.0, 0.0;
-        -SHAFT / motor, -damper / motor - brake, SHAFT / motor, damper / motor;
+        -shaft / MOTOR, -damper / MOTOR - brakes[0], shaft / MOTOR, damper / MOTOR;
         0.0, 0.0, 0.0, 1.0;
-        SHAFT / load, damper / load, -SHAFT / load, -damper / load - brake
-    ];
-    let b = dmatrix![0.0; 1.0 / motor; 0.0; 0.0];
+        shaft / LOAD, damper / LOAD, -shaft / LOAD, -damper / LOAD - brakes[1]
+    ]
+}
+
+/// Returns the drive without free play.
+fn drive() -> Model {
+    let a = matrix(SHAFT, 0.02, [1.5, 0.8]);
+    let b = dmatrix![0.0; 1.0 / MOTOR; 0.0; 0.0];
     let (step, input) = held(&a, &b, 1.0 / RATE);
     let speed = dmatrix![0.0, 1.0, 0.0, 0.0];
     let mut model = Model::new(RATE, step, input, speed, DMatrix::zeros(1, 1)).unwrap();
@@ -34,7 +43,7 @@ fn drive() -> Model {
     model.ports = vec![Port {
         name: "shaft".into(),
         input: None,
-        force: vec![0.0, 1.0 / motor, 0.0, -1.0 / load],
+        force: vec![0.0, 1.0 / MOTOR, 0.0, -1.0 / LOAD],
         displacement: vec![1.0, 0.0, -1.0, 0.0],
         velocity: vec![0.0, 1.0, 0.0, -1.0],
         output: None,
@@ -51,8 +60,9 @@ fn play_in_the_shaft_of_a_drive_is_named_at_its_joint() {
     };
     let lost = |d: f64, _: f64| SHAFT * d.clamp(-PLAY, PLAY);
     let simulation = Model { continuous: None, ports: Vec::new(), ..drive() };
-    let case = case_of_axis(&simulation, input, |u| integrate(&drive(), u, Some(&lost)).0);
-    let rivals = ["clearance", "modal-frequency", "added-damping", "coulomb-friction", "actuator-lag"];
+    let mut case = case_of_axis(&simulation, input, |u| integrate(&drive(), u, Some(&lost)).0);
+    case.config.units.insert("y1".into(), "rad/s".into());
+    let rivals = ["clearance", "modal-frequency", "modal-damping", "added-mass", "coulomb-friction", "actuator-lag"];
     let found = diagnosed_among(case, &[&["backlash"], &rivals[..]].concat());
     let first = first_is(&found, "backlash", "port:joint");
     let near = |name: &str, truth: f64| (first.parameters[name].value / truth - 1.0).abs() < 0.1;

@@ -5,7 +5,7 @@ pub mod arm;
 pub(crate) mod axis;
 mod blind;
 mod controlled;
-mod drive;
+pub mod drive;
 mod joint;
 pub(crate) mod laws;
 mod levels;
