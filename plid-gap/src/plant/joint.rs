@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::{Plant, Port, PortScale};
+use super::{Plant, Port, PortScale, PortSource};
 
 /// Name of the port.
 pub(super) const NAME: &str = "joint";
@@ -63,7 +63,9 @@ impl Plant {
     /// Returns whether a port is the elastic joint of a drive, as it is inferred.
     pub fn is_joint(&self, port: usize) -> bool {
         let port = &self.ports[port];
-        port.name == NAME && port.input.is_none() && matches!(port.scale, PortScale::Shown { .. })
+        // A declared port, an input or an output may have the same name.
+        let is_inferred = self.port_source == PortSource::Axis && port.input.is_none();
+        is_inferred && port.name == NAME && matches!(port.scale, PortScale::Shown { .. })
     }
 
     /// Returns the magnitude of the fastest pole beside the modes, in rad/s; `None` if there is none.
@@ -79,7 +81,6 @@ impl Plant {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plant::PortSource;
     use crate::testing::drive::{LOAD, MOTOR, matrix};
     use nalgebra::{DMatrix, dmatrix};
     use plid_model::{Model, OutputKind};
