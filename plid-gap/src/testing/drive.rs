@@ -1,12 +1,17 @@
 //! A motor that turns a load through an elastic shaft with free play. The true drive is integrated as in the blind
 //! cases, with the shaft as a port. The simulation has no port, and the motor's speed is the only output.
 
+use std::path::Path;
+
 use nalgebra::{DMatrix, dmatrix};
 use plid_model::{Continuous, Model, Port};
 
-use crate::case::record::Channels;
+use crate::answer::predict::Predictor;
+use crate::case::record::{Channels, rms};
+use crate::effects::Library;
 use crate::testing::blind::integrate;
-use crate::testing::{case_of_axis, diagnosed_among, first_is, held, random_input};
+use crate::testing::{case_of_axis, first_is, held, only, random_input};
+use crate::{Outcome, diagnose};
 
 const RATE: f64 = 250.0;
 
@@ -51,7 +56,7 @@ fn drive() -> Model {
     model
 }
 
-/// Nothing is declared: neither the kind of the output nor a port.
+/// Nothing is declared: neither the kind of the output nor a port. The simulation that is written predicts a new record.
 #[test]
 fn play_in_the_shaft_of_a_drive_is_named_at_its_joint() {
     let input = |k: usize| -> Channels {
@@ -63,11 +68,17 @@ fn play_in_the_shaft_of_a_drive_is_named_at_its_joint() {
     let mut case = case_of_axis(&simulation, input, |u| integrate(&drive(), u, Some(&lost)).0);
     case.config.units.insert("y1".into(), "rad/s".into());
     let rivals = ["clearance", "modal-frequency", "modal-damping", "added-mass", "coulomb-friction", "actuator-lag"];
-    let found = diagnosed_among(case, &[&["backlash"], &rivals[..]].concat());
+    only(&mut case, &[&["backlash"], &rivals[..]].concat());
+    let Outcome { diagnosis: found, simulation, .. } = diagnose(&case, &Library::standard(), &mut |_| {}).unwrap();
     let first = first_is(&found, "backlash", "port:joint");
     let near = |name: &str, truth: f64| (first.parameters[name].value / truth - 1.0).abs() < 0.1;
     assert!(near("k", SHAFT) && near("g", PLAY), "{}", found.text());
     assert!(found.gap.with_effect < 1.5 * found.gap.noise_floor, "{}", found.sentence);
     let said = "on the axis of u1 and in the elastic joint (port:joint)";
     assert!(found.evidence.iter().any(|evidence| evidence.contains(said)), "{:?}", found.evidence);
+    let predictor = Predictor::new(simulation, &Library::standard(), Path::new("here")).unwrap();
+    let (new, right) = (input(9), integrate(&drive(), &input(9), Some(&lost)).0.remove(0));
+    let predicted = predictor.predict(&new, 0.0).unwrap().outputs.remove(0);
+    let error: Vec<f64> = predicted.iter().zip(&right).map(|(a, b)| a - b).collect();
+    assert!(rms(&error) < found.gap.noise_floor * rms(&right), "{}", rms(&error) / rms(&right));
 }
