@@ -131,6 +131,16 @@ mod tests {
     use nalgebra::dmatrix;
     use plid_model::Model;
 
+    /// The poles of two independent sliders are their dampers over their masses, and not those of actuators.
+    #[test]
+    fn the_poles_of_two_axes_are_no_actuators() {
+        let a = dmatrix![0.0, 1.0, 0.0, 0.0; 0.0, -3.0, 0.0, 0.0; 0.0, 0.0, 0.0, 1.0; 0.0, 0.0, 0.0, -5.0];
+        let (a, b) = crate::testing::held(&a, &dmatrix![0.0, 0.0; 1.0, 0.0; 0.0, 0.0; 0.0, 1.0], 1e-3);
+        let c = dmatrix![1.0, 0.0, 0.0, 0.0; 0.0, 0.0, 1.0, 0.0];
+        let plant = Plant::new(&Model::new(1000.0, a, b, c, DMatrix::zeros(2, 2)).unwrap()).unwrap();
+        assert!(plant.modes.is_empty() && plant.chain.actuator.iter().all(Option::is_none));
+    }
+
     /// A mass of 2 with a viscous damper of 3 and a spring `k`, whose position or velocity is measured at 1 kHz.
     fn axis(k: f64, position: bool) -> Plant {
         let (a, b) = (dmatrix![0.0, 1.0; -k / 2.0, -1.5], dmatrix![0.0; 0.5]);

@@ -100,6 +100,16 @@ mod tests {
         plant
     }
 
+    /// A force that passes the lag of a drive accelerates nothing at once, whatever rounding leaves.
+    #[test]
+    fn a_servo_whose_drive_lags_has_no_mobility() {
+        for kind in [OutputKind::Position, OutputKind::Velocity] {
+            let plant = servo(436.0, 31.0, Some(220.0), kind);
+            assert_eq!(plant.mobility(0), 0.0, "{kind:?}");
+            assert!(!plant.commands_position(0), "{kind:?}");
+        }
+    }
+
     /// Whether the servo is lightly damped or not, and whatever its sensor measures, its response is that of a servo
     /// that is built with the lag.
     #[test]

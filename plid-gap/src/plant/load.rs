@@ -19,6 +19,10 @@ impl Load {
     pub const LEAST_INERTIA: f64 = 0.05;
 }
 
+/// Ratio of the acceleration at a port to the product of force and velocity rows below which it is a rounding error of
+/// the matrix logarithm.
+const ROUNDING: f64 = 1e-6;
+
 impl Port {
     /// Returns the rate at which a unit force at the port changes the value of a row of the states.
     pub(super) fn at_once(&self, modes: &[C], rest: &DVector<f64>) -> f64 {
@@ -32,7 +36,10 @@ impl Plant {
     /// if the force first passes through another state, such as the lag of a torque.
     pub fn mobility(&self, port: usize) -> f64 {
         let port = &self.ports[port];
-        port.at_once(&port.velocity, &port.velocity_rest)
+        let at_once = port.at_once(&port.velocity, &port.velocity_rest);
+        let modes: f64 = port.velocity.iter().zip(&port.force).map(|(row, force)| (row * force).norm()).sum();
+        let rest = port.velocity_rest.norm() * port.force_rest.norm();
+        if at_once.abs() > ROUNDING * (modes + rest) { at_once } else { 0.0 }
     }
 
     /// Returns the viscous damper between the port and the outside, in force over velocity. With v' = ... - c v / m at

@@ -449,10 +449,9 @@ fn signal_chain(rest: &NonModal, modes: &[Mode], step: f64, settings: &PlantSett
     let states = if modes.is_empty() { rest.leading() } else { rest.clone() };
     let mut chain = SignalChain::find(&states, step, lowest(modes), settings);
     chain.resize(rest.a.nrows());
-    if modes.is_empty() && chain.actuator.len() == 1 {
-        // The only input drives every pole alone, so the pole of the axis cannot be distinguished from that of an
-        // actuator.
-        chain.actuator = vec![None];
+    if modes.is_empty() {
+        // An input drives every pole of its axis alone, so these cannot be distinguished from the pole of an actuator.
+        chain.actuator.fill(None);
     }
     chain
 }
