@@ -317,7 +317,7 @@ mod tests {
         let mut setting = Setting::bare(&plant, &model);
         let u = random_input(3, 2000, 2);
         let loud = record(u.clone(), vec![vec![0.0; 2000]; 2]);
-        crate::prepare::of_ports(&mut setting, &loud);
+        crate::prepare::of_ports(&mut setting, std::slice::from_ref(&loud));
         // The spring's stiffness vanishes at a tenth of the motion of this record.
         let k = -100.0 * setting.stiffness[0] / setting.d_rms[0].powi(2);
         let actions = CubicStiffness.act(&setting, &Place::Port(0), &[k]);

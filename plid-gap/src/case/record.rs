@@ -58,6 +58,12 @@ impl Record {
         }
     }
 
+    /// Returns the number of samples in which an output was measured. The end of a record that is held out has no
+    /// outputs before it begins.
+    pub fn measured(&self) -> usize {
+        (0..self.samples()).filter(|&k| self.y.iter().any(|y| y[k].is_finite())).count()
+    }
+
     /// Returns the RMS over all inputs.
     pub fn level(&self) -> f64 {
         rms(self.u.iter().flatten())

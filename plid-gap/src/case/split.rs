@@ -4,7 +4,7 @@
 //! held out. A record whose input is nearly zero, such as a controller's in a quiet record, is never held out: it
 //! shows the noise.
 
-use crate::case::record::{Channels, Record};
+use crate::case::record::{Channels, Record, rms};
 use crate::settings::CaseSettings;
 
 /// The part that is held out if the case names none.
@@ -43,7 +43,16 @@ fn of(records: &[Record], settings: &CaseSettings) -> Option<Unnamed> {
         return None;
     }
     let level = |record: &Record| if record.is_driven() { record.level() } else { 0.0 };
-    unnamed(&records.iter().map(level).collect::<Vec<f64>>(), settings)
+    let chosen = unnamed(&records.iter().map(level).collect::<Vec<f64>>(), settings)?;
+    // An input that no other record drives would be driven in no fitted record.
+    let drives = |record: &Record, i: usize| record.is_driven() && rms(&record.u[i]) > 0.0;
+    let others_drive = |k: usize, i: usize| records.iter().enumerate().any(|(other, r)| other != k && drives(r, i));
+    match chosen {
+        Unnamed::Whole(k) if (0..records[k].u.len()).any(|i| drives(&records[k], i) && !others_drive(k, i)) => {
+            Some(Unnamed::EndOf(k))
+        }
+        chosen => Some(chosen),
+    }
 }
 
 /// Returns the records that are fitted and those that are held out.
@@ -108,6 +117,20 @@ mod tests {
         assert_eq!(at_work(&records), ["random-2", "random-3"]);
         records.drain(1..3);
         assert_eq!(at_work(&records), ["random-3"]);
+    }
+
+    /// If the last record alone drives an input, its end alone is held out.
+    #[test]
+    fn every_input_is_driven_in_a_fitted_record() {
+        let mut records = case(&truss(1), &truss(1)).records;
+        records.truncate(3);
+        for (record, (quiet, level)) in records[1..].iter_mut().zip([(1, 1.0), (0, 2.0)]) {
+            record.u.iter_mut().flatten().for_each(|u| *u *= level);
+            record.u[quiet].fill(0.0);
+        }
+        let (fit, held_out) = split(&records, &CaseSettings::default());
+        assert_eq!(names(&fit), ["quiet", "random-1", "random-2"]);
+        assert!(held_out[0].name.starts_with("the last") && held_out.len() == 1, "{:?}", names(&held_out));
     }
 
     /// The loudest record is fitted. Of two records at different levels, neither is held out as a whole.

@@ -92,6 +92,12 @@ impl Nuisance {
         Self { m, p, modes, rest, controller, spectrum, offsets, nominal, starts, sizes, std, ports_follow: false }
     }
 
+    /// Gives initial states and offsets the units that they have in other parameters of the same plant.
+    pub(crate) fn measure_as(&mut self, other: &Self) {
+        self.sizes.clone_from(&other.sizes);
+        self.offsets.clone_from(&other.offsets);
+    }
+
     /// Widens the prior for a simulation that was itself estimated, by the standard deviations of its parameters.
     pub fn with_prior_std(mut self, prior_std: &[f64]) -> Self {
         self.std.iter_mut().zip(prior_std).for_each(|(std, prior)| *std = std.hypot(*prior));
@@ -450,7 +456,7 @@ mod tests {
             simulate(plant, &cubic.act(&setting, &crate::effects::Place::Port(0), &[k]), &u, 0.0, None, Fineness::FINE)
         };
         let mut seen = crate::effects::Setting::bare(&truth, &sim);
-        crate::prepare::of_ports(&mut seen, &record);
+        crate::prepare::of_ports(&mut seen, std::slice::from_ref(&record));
         let size = 0.3 * seen.stiffness[0] / seen.d_rms[0].powi(2);
         let difference = |a: &[Vec<f64>], b: &[Vec<f64>]| -> f64 {
             a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()

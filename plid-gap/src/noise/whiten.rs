@@ -51,8 +51,11 @@ impl Whitener {
             if let Some(error) = &noise.model_error {
                 (0..p).for_each(|o| density[(o, o)] += C::from(error.density(o, hz, level)));
             }
-            let floor = 1e-12 * density.trace().re / p as f64;
-            (0..p).for_each(|i| density[(i, i)] += C::from(floor));
+            // Outputs may differ in unit by many orders of magnitude, so each has its own floor.
+            for i in 0..p {
+                let floor = 1e-12 * density[(i, i)].re;
+                density[(i, i)] += C::from(floor);
+            }
             let lower = density.cholesky().map_or_else(|| DMatrix::identity(p, p), |c| c.l());
             let inverse = lower.try_inverse().unwrap_or_else(|| DMatrix::identity(p, p));
             for i in 0..p {
@@ -218,6 +221,24 @@ mod tests {
     use crate::plant::Plant;
     use crate::simulate::{Fineness, simulate};
     use crate::testing::{RATE, random_input, truss};
+
+    /// The unit of one output does not change the weight of another.
+    #[test]
+    fn outputs_in_very_different_units_count_alike() {
+        let plant = Plant::new(&truss(2)).unwrap();
+        let error = random_input(5, 1000, 2);
+        let whitened = |unit: f64| {
+            let scaled: Channels = vec![error[0].iter().map(|e| unit * e).collect(), error[1].clone()];
+            let record = crate::testing::record(vec![vec![0.0; 1000]; plant.m], scaled.clone());
+            let noise = NoiseModel::declared(&plant, &[unit, 1.0], &vec![0.0; plant.m]);
+            let whitener = Whitener::new(&record, &noise, RATE, vec![Vec::new(); 2]);
+            let mut to = vec![0.0; whitener.rows()];
+            whitener.apply(&scaled, &mut to);
+            to
+        };
+        let (alike, apart) = (whitened(1.0), whitened(1e-9));
+        assert!(alike.iter().zip(&apart).all(|(a, b)| (a - b).abs() < 1e-6 * (1.0 + a.abs())));
+    }
 
     /// A force in a band drives a mode three hundred times above the sensor noise. The mode rings at the end of the
     /// record, and the Fourier transform spreads this ringing to all frequencies. The whitened record does not

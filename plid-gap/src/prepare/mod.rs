@@ -13,7 +13,7 @@ use crate::case::split::split;
 use crate::case::{Controller, Limits};
 use crate::effects::{Action, MissingModeStart, Setting, Units};
 use crate::error::GapError;
-use crate::fit::free_run::{errors, outputs};
+use crate::fit::free_run::{errors, outputs, run};
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Placed, Problem, dot};
 use crate::fit::refit::Refit;
@@ -572,7 +572,12 @@ fn quiet_stretches(
     settings: &PrepareSettings,
 ) -> Vec<Stretch> {
     let shortest = settings.shortest_quiet;
-    let silent = silent(records, shortest, |record| Stretch::new(&tones::without(&record.y, plant.rate, tones)));
+    // What is left of a motion that decays is no noise.
+    let at_rest = |record: &Record| match record.from_rest {
+        true => record.y.clone(),
+        false => record.error_where_measured(&run(plant, &[], record)),
+    };
+    let silent = silent(records, shortest, |record| Stretch::new(&tones::without(&at_rest(record), plant.rate, tones)));
     if silent.is_empty() { repeated(plant, records, shortest) } else { silent }
 }
 
@@ -658,7 +663,10 @@ fn setting(
     for i in 0..m {
         let slope = |u: &[f64]| rms(u.windows(2).map(|w| (w[1] - w[0]) * plant.rate));
         // A random record of the same level is much steeper than a multisine of a few lines.
-        setting.u_rms[i] = rms(&sent[loudest][i]);
+        // The loudest record may not drive this input.
+        let in_loudest = rms(&sent[loudest][i]);
+        let anywhere = || sent.iter().map(|sent| rms(&sent[i])).fold(0.0, f64::max);
+        setting.u_rms[i] = if in_loudest > 0.0 { in_loudest } else { anywhere() };
         setting.u_slope[i] = sent.iter().map(|sent| slope(&sent[i])).fold(0.0, f64::max);
     }
     let loudest = &records[loudest];
@@ -668,7 +676,7 @@ fn setting(
         setting.y_max[o] = all.filter(|y| y.is_finite()).fold(0.0, |most: f64, y| most.max(y.abs()));
     }
     setting.d_range = (0..plant.ports.len()).map(|port| measured_range(plant, port, records)).collect();
-    of_ports(&mut setting, loudest);
+    of_ports(&mut setting, records);
     setting.missing = missing_modes(plant, records, errors, (&settings.signal, band_hz));
     // Lines are most visible in a record without input.
     let quiet: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation == Excitation::Zero).collect();
@@ -699,13 +707,25 @@ fn missing_modes(
     peaks::missing_modes(plant, &driven, settings, band_hz)
 }
 
-/// Sets the properties of the ports from the loudest record.
-pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
+/// Sets the properties of the ports from the loudest record. A port that it does not move is described by the record
+/// that moves it most.
+pub(crate) fn of_ports(setting: &mut Setting, records: &[Record]) {
     let plant = &setting.plant;
     setting.names.ports = plant.ports.iter().map(|port| port.name.clone()).collect();
-    let motion = port_motion(plant, &loudest.u);
     setting.d_range.resize(plant.ports.len(), None);
-    (setting.d_rms, setting.v_rms) = motion.chunks_exact(2).map(|both| (rms(&both[0]), rms(&both[1]))).unzip();
+    let motion = |record: &Record| -> Vec<[f64; 2]> {
+        port_motion(plant, &record.u).chunks_exact(2).map(|both| [rms(&both[0]), rms(&both[1])]).collect()
+    };
+    let loudest = records.iter().max_by(|a, b| a.level().total_cmp(&b.level()));
+    let mut sizes = loudest.map_or_else(|| vec![[0.0; 2]; plant.ports.len()], motion);
+    if sizes.iter().any(|both| both[1] == 0.0) {
+        let all: Vec<_> = records.iter().map(motion).collect();
+        for (port, both) in sizes.iter_mut().enumerate().filter(|(_, both)| both[1] == 0.0) {
+            let most = all.iter().map(|sizes| sizes[port]).max_by(|a, b| a[1].total_cmp(&b[1]));
+            *both = most.unwrap_or(*both);
+        }
+    }
+    (setting.d_rms, setting.v_rms) = sizes.into_iter().map(|[d, v]| (d, v)).unzip();
     setting.stiffness = plant.ports.iter().map(|port| plant.stiffness(port)).collect();
     let force = |k: usize| match plant.ports[k].scale {
         PortScale::Moved { output, .. } => setting.y_rms[output],
@@ -823,6 +843,44 @@ pub(crate) mod tests {
 
     pub(crate) fn setting_of(plant: &Plant, model: &Model) -> Setting {
         setting(plant, model, &[], &[], (&GapSettings::default(), None))
+    }
+
+    /// The loudest record drives one input alone, and a weaker one the other. Both have a size, and so does every port.
+    #[test]
+    fn an_input_that_the_loudest_record_does_not_drive_has_a_size() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        for (record, quiet) in case.records[1..].iter_mut().zip([1, 0, 1]) {
+            record.u[quiet].fill(0.0);
+            record.y = testing::run(&sim, &record.u);
+        }
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let setting = &ready.problem.setting;
+        for sizes in [&setting.u_rms, &setting.d_rms, &setting.v_rms, &setting.force] {
+            assert!(sizes.iter().all(|size| *size > 0.0), "{sizes:?}");
+        }
+    }
+
+    /// A record without input that begins in motion shows how the modes decay, and not the noise on them.
+    #[test]
+    fn a_decay_is_no_noise() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        let shown = |case: &crate::case::Case| {
+            let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+            ready.noise.rms()
+        };
+        let right = shown(&case);
+        let quiet = &mut case.records[0];
+        let (samples, noise) = (quiet.samples(), quiet.y.clone());
+        let mut u = testing::random_input(9, 600, 2);
+        u.iter_mut().for_each(|u| u.resize(600 + samples, 0.0));
+        let decay = testing::run(&sim, &u).into_iter().map(|y| y[600..].to_vec());
+        quiet.y = decay.zip(&noise).map(|(y, e)| y.iter().zip(e).map(|(y, e)| y + e).collect()).collect();
+        quiet.from_rest = false;
+        for (found, right) in shown(&case).iter().zip(&right) {
+            assert!((found / right - 1.0).abs() < 0.2, "{found} {right}");
+        }
     }
 
     /// Two coupled drives, whose tachometer shows the magnitude of the speed, with a model that was identified from

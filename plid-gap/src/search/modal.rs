@@ -54,9 +54,7 @@ impl Problem {
     pub fn with_modal_places(mut self, modes: &[usize]) -> Self {
         modes.iter().for_each(|&mode| self.plant.add_modal_port(mode));
         self.setting.plant = self.plant.clone();
-        if let Some(loudest) = self.records.iter().max_by(|a, b| a.level().total_cmp(&b.level())) {
-            of_ports(&mut self.setting, loudest);
-        }
+        of_ports(&mut self.setting, &self.records);
         self
     }
 }

@@ -122,13 +122,18 @@ fn hidden(records: &[Record], o: usize, step: f64) -> Option<f64> {
 
 /// Returns whether a converter truncates: its code zero is then twice as wide as the others. The likelihoods of the
 /// codes of a Gaussian signal are compared for truncation and for rounding, each with the size of the signal that suits
-/// a random record best. At least `least` values must lie in the two codes next to zero.
+/// a random record best. At least `least` values must lie in the two codes next to zero. Values at rest, before the
+/// motion begins or while friction holds a part, do not count.
 fn cuts(records: &[Record], o: usize, step: f64, least: f64) -> bool {
     let (mut next, mut gain) = (0, 0.0);
     for record in records.iter().filter(|record| record.excitation == Excitation::Random) {
         let mut counts: BTreeMap<u64, usize> = BTreeMap::new();
         let finite = record.y[o].iter().filter(|y| y.is_finite());
-        finite.for_each(|y| *counts.entry((y.abs() / step).round() as u64).or_default() += 1);
+        let codes: Vec<u64> = finite.map(|y| (y.abs() / step).round() as u64).collect();
+        let runs = || codes.chunk_by(|a, b| a == b);
+        let longest = runs().filter(|run| run[0] != 0).map(<[u64]>::len).max().unwrap_or(0);
+        let moving = runs().filter(|run| run[0] != 0 || run.len() <= AT_REST * longest);
+        moving.for_each(|run| *counts.entry(run[0]).or_default() += run.len());
         next += counts.get(&1).copied().unwrap_or(0);
         gain += likelihood(&counts, 1.0) - likelihood(&counts, 0.5);
     }
@@ -152,6 +157,10 @@ fn likelihood(counts: &BTreeMap<u64, usize>, edge: f64) -> f64 {
     let sizes = (0..SIZES).map(|k| size * SIZE_RANGE.powf(2.0 * k as f64 / (SIZES - 1) as f64 - 1.0));
     sizes.map(of_size).fold(f64::NEG_INFINITY, f64::max)
 }
+
+/// Ratio of a run of zeros to the longest run of another code beyond which nothing moves: a signal passes zero faster
+/// than its peaks.
+const AT_REST: usize = 2;
 
 /// Number of sizes of a signal that are tried.
 const SIZES: usize = 101;
@@ -265,7 +274,8 @@ fn jumps(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Jum
     let SignalSettings { near_extreme, repeat_error, repeat_over_median, repeat_isolation, .. } = *settings;
     let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
     // A comparison with a missing sample (NaN) is false.
-    let extreme = |y: f64| y <= near_extreme * low || y >= near_extreme * high;
+    let (middle, reach) = (0.5 * (low + high), 0.5 * (high - low));
+    let extreme = |y: f64| (y - middle).abs() >= near_extreme * reach;
     let rail = y.iter().filter(|y| extreme(**y)).count() as f64 > settings.clipped_share * y.len() as f64;
     let mut found = Jumps { repeats: Vec::new(), held_down: Vec::new(), others: 0 };
     let mut first = 0;
@@ -284,7 +294,7 @@ fn jumps(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Jum
         let single = k - first == 1;
         // A converter that clips also repeats values while the simulation lies further out. This is not a dropout.
         let worst = (first..k).max_by(|a, b| error[*a].abs().total_cmp(&error[*b].abs())).unwrap_or(first);
-        let held_down = extreme(y[first]) && error[worst] * y[first] < 0.0;
+        let held_down = extreme(y[first]) && error[worst] * (y[first] - middle) < 0.0;
         if most(first) > repeat_error * noise && !(held_down && (rail || single)) && (!single || calm(first)) {
             let around = first.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS).min(error.len());
             let mut near: Vec<f64> = error[around].iter().map(|e| e.abs()).collect();
@@ -341,6 +351,10 @@ mod tests {
         let wrong: Vec<usize> = wanted.iter().copied().filter(|k| (held[*k] - smooth[*k]).abs() > 0.1).collect();
         assert!(wrong.iter().all(|k| found.repeats[0].contains(k)), "{wrong:?} {:?}", found.repeats[0]);
         assert!(found.repeats[0].iter().all(|k| wanted.contains(k)), "{:?}", found.repeats[0]);
+        // A sensor whose zero lies far from the motion drops the same samples.
+        let lifted: Vec<f64> = held.iter().map(|y| y + 100.0).collect();
+        let lifted = of_outputs(&[record(vec![lifted])], &errors(&held), &[0.005], &settings).remove(0);
+        assert_eq!(lifted.repeats, found.repeats);
         for share in [0.5, 0.9] {
             let rail = share * smooth[peak].abs();
             let clipped: Vec<f64> = smooth.iter().map(|y| on_grid(&y.clamp(-rail, rail))).collect();
@@ -422,6 +436,20 @@ mod tests {
             let left = records[0].y.iter().map(|given| given.iter().zip(&y).map(|(a, y)| a - y).collect()).collect();
             mend(&mut records, &[left], &found);
             assert!(mean(&records).abs() < 0.2 * before, "{} of {before}", mean(&records));
+        }
+    }
+
+    /// Values at rest before the motion begins lie in the code zero as well.
+    #[test]
+    fn a_start_at_rest_is_no_truncation() {
+        for share in [0.05, 0.2] {
+            let mut y = vec![0.0; 200];
+            y.extend(testing::random_input(3, 4000, 1).remove(0));
+            let rounded = y.iter().map(|y| share * (y / share).round()).collect();
+            let cut = y.iter().map(|y| share * (y / share).trunc()).collect();
+            let errors = vec![vec![vec![0.0; y.len()]; 2]];
+            let found = of_outputs(&[record(vec![rounded, cut])], &errors, &[1e-3; 2], &SignalSettings::default());
+            assert_eq!(found.iter().map(|c| (c.coarse, c.cut)).collect::<Vec<_>>(), [(true, false), (true, true)]);
         }
     }
 
