@@ -46,10 +46,9 @@ fn steps(case: &Case) -> Result<(), GapError> {
         ready.held_out.len()
     );
 
-    print_map(&ready);
-
     // Bounded refit of the simulation within its limits.
     let refitted = refit(&ready.problem, REFIT_STEPS);
+    print_map(&ready, &refitted.eta);
     ready.renew_missing(&refitted.eta);
     let problem = &ready.problem;
     let rows = problem.rows() as f64;
@@ -104,10 +103,10 @@ fn steps(case: &Case) -> Result<(), GapError> {
     Ok(())
 }
 
-/// Prints where the gap lies.
-fn print_map(ready: &Prepared) {
+/// Prints where the gap of the simulation as given lies. `eta` contains the initial states of the refit.
+fn print_map(ready: &Prepared, eta: &[f64]) {
     let problem = &ready.problem;
-    let errors = locate::errors(ready);
+    let errors = locate::errors(ready, eta);
     let map = locate::map(&problem.records, &errors, &ready.noise, problem.plant.rate, &problem.settings);
     for (name, share) in problem.setting.names.outputs.iter().zip(&map.outputs) {
         println!("of the gap at {name}: {:.2} ({:.2} to {:.2})", share.value, share.ci95[0], share.ci95[1]);

@@ -236,8 +236,8 @@ impl<'a> Searched<'a> {
         let shaped =
             !widened || left(&ready, &refitted, &self.found.best, &ready.noise.rms()) > scope.settings.shape_left;
         let problem = &mut ready.problem;
-        let zero = vec![0.0; problem.nuisance.len()];
-        let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
+        let given = problem.nuisance.as_given(&refitted.eta);
+        let given_cost = sum_of_squares(&problem.residual(&problem.plant, &given, &[], Fineness::FINE));
         let free = shaped && !scope.skips(Step::FreeShapes);
         let free = if free { self.freed(problem, scope, !widened) } else { None };
         // A free shape was fitted with the simulation's own ports, and has no physical size that these ports could

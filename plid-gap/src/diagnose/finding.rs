@@ -62,7 +62,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         let (rate, settings) = (judged.plant.rate, &problem.settings);
         let map = |errors: &[_]| locate::map(&problem.records, errors, &ready.noise, rate, settings);
         let after = errors(problem, &explained.fit().eta, &explained.predicting().effects);
-        let maps = [map(&locate::errors(ready)), map(&after)];
+        let maps = [map(&locate::errors(ready, &refitted.eta)), map(&after)];
         say("collecting supporting evidence".into());
         let linear = |record: &Record| run(&judged.plant, &[], record);
         let with = |record: &Record| run(&judged.plant, &judged.actions, record);

@@ -30,6 +30,12 @@ pub struct Fit<'a> {
 }
 
 impl Fit<'_> {
+    /// Returns whether this fit has a lower cost. The cost of a free run that diverges is NaN, which is worse than any
+    /// number.
+    pub(crate) fn is_better_than(&self, other: &Self) -> bool {
+        self.cost < other.cost || other.cost.is_nan() && !self.cost.is_nan()
+    }
+
     /// Returns the number of effect parameters.
     pub fn parameters(&self) -> usize {
         self.effects.iter().map(|placed| placed.parameters.len()).sum()
@@ -386,6 +392,15 @@ mod tests {
         let mut settings = (*problem.settings).clone();
         (settings.search.strong_parameters, settings.search.few_parameters) = (0, 0);
         Problem { settings: Arc::new(settings), ..problem }
+    }
+
+    /// A free run that diverges is worse than any other.
+    #[test]
+    fn a_cost_that_is_no_number_is_the_worst() {
+        let problem = crate::testing::laws::prepared(&[]).problem;
+        let fit = |cost: f64| Fit { cost, ..crate::fit::refit::refit(&problem, 0).as_fit() };
+        assert!(fit(1.0).is_better_than(&fit(f64::NAN)) && !fit(f64::NAN).is_better_than(&fit(1.0)));
+        assert!(fit(1.0).is_better_than(&fit(2.0)) && !fit(f64::NAN).is_better_than(&fit(f64::NAN)));
     }
 
     /// A spring stiffens, and the simulation's resonances are wrong within the limits. With the derivatives of the

@@ -72,14 +72,16 @@ impl Scatter {
     }
 }
 
-/// Returns whether held-out records are as loud as the loudest fitted one, and [long enough](are_long).
+/// Returns whether held-out records are as loud as the loudest fitted one, and together at least half as long. The end
+/// of a record counts with its beginning, through which its free run passes.
 pub fn are_like(held_out: &[Record], loudest: &Record, same_level: f64) -> bool {
-    held_out.iter().all(|record| same_level * record.level() > loudest.level()) && are_long(held_out, loudest)
+    let as_loud = held_out.iter().all(|record| same_level * record.level() > loudest.level());
+    as_loud && 2 * held_out.iter().map(Record::samples).sum::<usize>() >= loudest.samples()
 }
 
-/// Returns whether held-out records are together at least half as long as the loudest fitted one.
+/// Returns whether held-out records have together at least half as many measured samples as the loudest fitted one.
 pub fn are_long(held_out: &[Record], loudest: &Record) -> bool {
-    2 * held_out.iter().map(Record::samples).sum::<usize>() >= loudest.samples()
+    2 * held_out.iter().map(Record::measured).sum::<usize>() >= loudest.measured()
 }
 
 /// The free runs of all fitted records, each by a model that was fitted to the others.
@@ -217,6 +219,17 @@ mod tests {
     use crate::fit::refit::refit;
     use crate::prepare::{Known, prepare};
     use crate::testing;
+
+    /// The last quarter of a record is shorter than half of what is fitted, but as loud.
+    #[test]
+    fn the_end_of_a_record_is_short() {
+        let u = testing::random_input(5, 4000, 1);
+        let (head, tail) = crate::case::split::divided(&testing::record(u.clone(), u), 3000);
+        let ends = std::slice::from_ref(&tail);
+        assert!(!are_long(ends, &head) && are_like(ends, &head, 1.5));
+        let (head, tail) = crate::case::split::divided(&head, 1500);
+        assert!(are_long(&[tail], &head));
+    }
 
     /// If quieter held-out records leave half of the gap that was expected of them, the same is expected of a loud one.
     #[test]

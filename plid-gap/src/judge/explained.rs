@@ -236,10 +236,13 @@ impl<'a> Explained<'a> {
         self.free_shape = None;
         self.offsets.clear();
         let refused = std::mem::replace(&mut self.found.best, next).effects;
-        if !refused.is_empty() {
-            self.found.candidates.retain(|candidate| !all_same(&candidate.effects, &refused));
-            self.refused.push((refused, why));
+        if refused.is_empty() {
+            return;
         }
+        let candidates = &mut self.found.candidates;
+        candidates.retain(|candidate| !all_same(&candidate.effects, &refused));
+        put_first(candidates, &self.found.best.effects, &why);
+        self.refused.push((refused, why));
     }
 
     /// Returns the first of the further explanations that predicts the held-out records better than no effect does;
@@ -290,4 +293,41 @@ pub(crate) fn left(ready: &Prepared, refitted: &Refit, fit: &Fit, noise: &[f64])
         (gap * gap - floor * floor).max(0.0).sqrt()
     };
     beyond(&fit.eta, &fit.effects) / beyond(&within, &[]).max(f64::MIN_POSITIVE)
+}
+
+/// Gives an explanation that took the place of a refused one the first rank.
+fn put_first(candidates: &mut Vec<Candidate>, effects: &[Placed], why: &Refusal) {
+    match candidates.iter().position(|candidate| all_same(&candidate.effects, effects)) {
+        // It fits as well as those before it, and predicts better.
+        Some(rank) if *why == Refusal::Outdone => candidates[..=rank].rotate_right(1),
+        // Those before it predict no better than the refused one.
+        Some(rank) => {
+            let mut at = 0..;
+            candidates.retain(|candidate| at.next() >= Some(rank) || candidate.effects.is_empty());
+        }
+        None => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{Library, Place};
+    use crate::testing::laws::at;
+
+    /// What held-out records have refuted does not rank before the explanation that they confirm.
+    #[test]
+    fn the_explanation_that_takes_over_ranks_first() {
+        let library = Library::standard();
+        let one = |output: usize| at(&library, "sensor-gain", Place::Output(output), vec![1.1]);
+        let explanations = [vec![one(0)], Vec::new(), vec![one(1)], vec![one(2)]];
+        let priced = [1.0, 2.0, 3.0, 4.0];
+        let all = explanations.into_iter().zip(priced);
+        let all: Vec<Candidate> = all.map(|(effects, priced)| Candidate { effects, cost: priced, priced }).collect();
+        for (why, prices) in [(Refusal::Overfits, vec![2.0, 3.0, 4.0]), (Refusal::Outdone, vec![3.0, 1.0, 2.0, 4.0])] {
+            let mut candidates = all.clone();
+            put_first(&mut candidates, &[one(1)], &why);
+            assert_eq!(candidates.iter().map(|candidate| candidate.priced).collect::<Vec<_>>(), prices, "{why:?}");
+        }
+    }
 }

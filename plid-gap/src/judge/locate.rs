@@ -70,13 +70,14 @@ pub struct Map {
     pub slope: Option<Estimate>,
 }
 
-/// Returns the errors of the simulation as given (p channels), one for each record.
-pub fn errors(ready: &Prepared) -> Vec<Channels> {
+/// Returns the errors of the simulation as given (p channels), one for each record. Its initial states are those of
+/// `eta`, the linear parameters of a refit.
+pub fn errors(ready: &Prepared, eta: &[f64]) -> Vec<Channels> {
     let problem = &ready.problem;
     if let Some(best_linear) = &ready.best_linear {
         return problem.records.iter().map(|record| record.error(&run(best_linear, &[], record))).collect();
     }
-    let eta = vec![0.0; problem.nuisance.len()];
+    let eta = problem.nuisance.as_given(eta);
     (0..problem.records.len())
         .map(|index| {
             let y = problem.outputs(&problem.plant, &eta, &[], index, Fineness::COARSE);
@@ -269,4 +270,28 @@ fn of_levels(records: &[Record], same_level: f64) -> Vec<usize> {
     let differ = |of: &Vec<usize>| differ(of.iter().map(|&k| records[k].level()), same_level);
     let [random, periodic] = [false, true].map(driven);
     if differ(&random) || !differ(&periodic) && !random.is_empty() { random } else { periodic }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::refit::{STEPS, refit};
+    use crate::prepare::{Known, prepare};
+    use crate::testing;
+
+    /// A right simulation has no gap where a record begins in motion: its initial states are fitted.
+    #[test]
+    fn a_start_in_motion_is_no_gap() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        for record in &mut case.records {
+            record.u.iter_mut().chain(&mut record.y).for_each(|channel| drop(channel.drain(..300)));
+            record.from_rest = false;
+        }
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let eta = refit(&ready.problem, STEPS).eta;
+        let left = rms(errors(&ready, &eta)[1].iter().flatten());
+        let size = rms(ready.problem.records[1].y.iter().flatten());
+        assert!(left < 0.02 * size, "{left} {size}");
+    }
 }

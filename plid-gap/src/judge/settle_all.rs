@@ -50,6 +50,7 @@ fn of_all(ready: &Prepared) -> Problem {
     let mut nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
     nuisance.std[..modes].copy_from_slice(&problem.nuisance.std[..modes]);
     nuisance.ports_follow = problem.nuisance.ports_follow;
+    nuisance.measure_as(&problem.nuisance);
     Problem { records, whiteners, nuisance, ..problem.clone() }
 }
 

@@ -206,7 +206,7 @@ impl<'a> Start<'a> {
             return near;
         }
         let anew = fit(&quick.nuisance.as_given(&self.eta));
-        if anew.cost < near.cost { anew } else { near }
+        if anew.is_better_than(&near) { anew } else { near }
     }
 
     pub(super) fn base<'p>(&'p self, problem: &'p Problem, scope: &Scope) -> Base<'p, 'a> {

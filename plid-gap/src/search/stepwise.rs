@@ -326,7 +326,7 @@ fn without_last<'a>(
     let mut bare = with.clone();
     bare.effects.pop();
     let bare = polish(problem, bare);
-    if bare.cost >= best.cost {
+    if !bare.is_better_than(&best) {
         return best;
     }
     candidates.retain(|candidate| !all_same(&candidate.effects, &bare.effects));

@@ -77,7 +77,7 @@ pub fn carried<'a>(
         return at_once;
     }
     let slowly = finish(grown(problem, windows, fit.clone()));
-    if slowly.cost < at_once.cost { slowly } else { at_once }
+    if slowly.is_better_than(&at_once) { slowly } else { at_once }
 }
 
 /// Repeats a fit to windows in ever longer ones, until the free runs of the whole records follow.

@@ -56,7 +56,8 @@ fn drive() -> Model {
     model
 }
 
-/// Nothing is declared: neither the kind of the output nor a port. The simulation that is written predicts a new record.
+/// Nothing is declared: neither the kind of the output nor a port. The simulation that is written predicts a new
+/// record.
 #[test]
 fn play_in_the_shaft_of_a_drive_is_named_at_its_joint() {
     let input = |k: usize| -> Channels {

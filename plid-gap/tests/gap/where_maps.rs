@@ -79,7 +79,7 @@ fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
         from += samples;
     }
     let ready = prepare(&model, &records, &Known::default()).unwrap();
-    let errors = locate::errors(&ready);
+    let errors = locate::errors(&ready, &vec![0.0; ready.problem.nuisance.len()]);
     let map = locate::map(&ready.problem.records, &errors, &ready.noise, RATE, &ready.problem.settings);
     (map, side(&ready))
 }
