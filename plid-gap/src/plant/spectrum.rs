@@ -282,8 +282,8 @@ mod tests {
         assert!(moved.iter().zip(&built).all(|(a, b)| (a / b - 1.0).abs() < 1e-5), "{moved:?} {built:?}");
     }
 
-    /// The current of a motor lags, so the voltage accelerates the shaft only through the current. Whichever pole moves,
-    /// the response at low frequency changes by no more than the poles.
+    /// The current of a motor lags, so the voltage accelerates the shaft only through the current. Whichever pole
+    /// moves, the response at low frequency changes by no more than the poles.
     #[test]
     fn a_lag_before_the_inertia_does_not_change_the_gain_by_rounding() {
         let motor = dmatrix![0.0, 1.0, 0.0; 0.0, -4.0, 50.0; 0.0, -30.0, -300.0];
