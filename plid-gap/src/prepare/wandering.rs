@@ -1,8 +1,6 @@
 //! Lines whose phase wanders: forces at one frequency that no simulation can predict. They are removed from the
 //! residuals, and their amplitudes are estimated from the removed part.
 
-use std::f64::consts::TAU;
-
 use nalgebra::{Matrix2, Vector2};
 
 use crate::effects::Place;
@@ -11,10 +9,6 @@ use crate::fit::problem::{Placed, Problem, dot};
 use crate::prepare::Prepared;
 use crate::signal::notch;
 use crate::simulate::Fineness;
-use plid_fourier::C;
-
-/// Least number of samples in which the phase of a line is taken as constant.
-const LEAST_SAMPLES: usize = 20;
 
 /// A line whose phase wanders.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,14 +83,8 @@ fn mean_square_of_difference(a: &[f64], b: &[f64]) -> f64 {
 
 /// Returns the mean square, at each output, of the part of a residual that a slowly modulated sine can represent.
 pub(super) fn powers_about(residual: &[Vec<f64>], rate: f64, hz: f64) -> Vec<f64> {
-    // The residual is moved to zero frequency, where the line is the mean of each stretch.
-    let samples = ((notch::SPACING_S * rate).ceil() as usize).max(LEAST_SAMPLES);
-    let line = |(k, part): (usize, &[f64])| {
-        let turned = part.iter().zip(k * samples..).map(|(x, n)| C::from_polar(*x, -TAU * hz * n as f64 / rate));
-        2.0 * turned.sum::<C>().norm_sqr() / part.len() as f64
-    };
-    let power = |x: &Vec<f64>| x.chunks(samples).enumerate().map(line).sum::<f64>() / x.len().max(1) as f64;
-    residual.iter().map(power).collect()
+    let left = notch::without(residual, rate, hz);
+    residual.iter().zip(&left).map(|(all, left)| mean_square_of_difference(all, left)).collect()
 }
 
 /// Returns whether a line has about the same amplitude in all records, from its power at each output in each record.
@@ -131,6 +119,7 @@ fn gains(problem: &Problem, traces: &[Vec<f64>; 2], without: &[f64]) -> [f64; 2]
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
 
     use super::*;
     use crate::case::Case;
@@ -166,14 +155,6 @@ mod tests {
 
     fn prepared(case: &Case) -> Prepared {
         prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap()
-    }
-
-    /// A day at one sample per second takes no longer than any other record.
-    #[test]
-    fn the_power_of_a_line_is_that_of_its_amplitude() {
-        let line: Vec<f64> = (0..86_400).map(|k| 3.0 * (TAU * 0.0512 * f64::from(k) + 0.4).sin()).collect();
-        let found = powers_about(&[line], 1.0, 0.0512)[0];
-        assert!((found / 4.5 - 1.0).abs() < 0.02, "{found}");
     }
 
     /// A line wanders only if it has a separate phase in each record and one amplitude in all of them.

@@ -11,7 +11,7 @@ use plid_fourier::C;
 
 /// Distance in s between the nodes of the modulation, which is linear between them. If the phase of a line wanders by
 /// one radian in a second, a hundredth of the line's power remains.
-pub(crate) const SPACING_S: f64 = 0.1;
+const SPACING_S: f64 = 0.1;
 
 /// Distance in Hz from the line within which nothing remains. Fits to such a residual leave these frequencies out.
 pub const HOLE_HZ: f64 = 0.6 / SPACING_S;
