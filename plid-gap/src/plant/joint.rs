@@ -39,6 +39,11 @@ pub(super) fn infer(plant: &Plant, ports: &[Port]) -> Option<Port> {
     if !(LEAST..1.0 - LEAST).contains(&s) || others.iter().any(is_itself) {
         return None;
     }
+    // The input accelerates the common motion. A pole that it displaces at once is no motion of bodies.
+    let displaced = axis.displacement_rest.dot(&axis.force_rest);
+    if mode.pole.norm() * displaced.abs() > plant.settings.at_once * common(axis) {
+        return None;
+    }
     let none = DVector::zeros(plant.rest.a.nrows());
     let joint = Port {
         name: NAME.into(),

@@ -102,7 +102,8 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     if plant.modes.is_empty() {
         return by_slope(plant, output);
     }
-    let mut distances: Vec<(f64, i32)> = (0..3).map(|order| (distance(plant, output, order), order)).collect();
+    let free = moves_freely(plant);
+    let mut distances: Vec<(f64, i32)> = (0..3).map(|order| (distance(plant, output, order, free), order)).collect();
     distances.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [(nearest, order), (next, _), ..] = distances[..] else { return Sensed::ASSUMED };
     // The distance is NaN if nothing can be compared, and NaN is not below the threshold.
@@ -116,7 +117,7 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
 /// Returns the sum, over all outputs that measure a motion, of the distances of their responses from those of the
 /// actuators, modes, filters and sensors together, divided by the number of all outputs; NaN if it is not known.
 pub(super) fn misfit(plant: &Plant) -> f64 {
-    let of = |o: usize| plant.sensed[o].order().map(|order| distance(plant, o, order));
+    let of = |o: usize| plant.sensed[o].order().map(|order| distance(plant, o, order, false));
     (0..plant.p).filter_map(of).sum::<f64>() / plant.p as f64
 }
 
@@ -143,10 +144,9 @@ fn moves_freely(plant: &Plant) -> bool {
 }
 
 /// Returns the mean of |G - G_k|^2 / (|G|^2 + |G_k|^2) over inputs and logarithmic frequencies. G is the simulation's
-/// response, and G_k that of its modes, and of a rigid body beside them, if sensors measure the k-th derivative. NaN
-/// without modes or if the rest has no continuous form.
-fn distance(plant: &Plant, output: usize, order: i32) -> f64 {
-    let free = moves_freely(plant);
+/// response, and G_k that of its modes, and of a rigid body beside them if it is `free`, if sensors measure the k-th
+/// derivative. NaN without modes or if the rest has no continuous form.
+fn distance(plant: &Plant, output: usize, order: i32, free: bool) -> f64 {
     let (Some(lowest), Some(highest)) = (plant.modes.first(), plant.modes.last()) else { return f64::NAN };
     let (from, to) = (BELOW * lowest.hz(), (ABOVE * highest.hz()).min(plant.rate / 2.0));
     let mut sum = 0.0;
