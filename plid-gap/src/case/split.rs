@@ -44,15 +44,13 @@ fn of(records: &[Record], settings: &CaseSettings) -> Option<Unnamed> {
     }
     let level = |record: &Record| if record.is_driven() { record.level() } else { 0.0 };
     let chosen = unnamed(&records.iter().map(level).collect::<Vec<f64>>(), settings)?;
-    // An input that no other record drives would be driven in no fitted record.
     let drives = |record: &Record, i: usize| record.is_driven() && rms(&record.u[i]) > 0.0;
-    let others_drive = |k: usize, i: usize| records.iter().enumerate().any(|(other, r)| other != k && drives(r, i));
-    match chosen {
-        Unnamed::Whole(k) if (0..records[k].u.len()).any(|i| drives(&records[k], i) && !others_drive(k, i)) => {
-            Some(Unnamed::EndOf(k))
-        }
-        chosen => Some(chosen),
-    }
+    // An input that no other record drives would be driven in no fitted record.
+    let alone = |k: usize, i: usize| drives(&records[k], i) && records.iter().filter(|r| drives(r, i)).count() == 1;
+    Some(match chosen {
+        Unnamed::Whole(k) if (0..records[k].u.len()).any(|i| alone(k, i)) => Unnamed::EndOf(k),
+        chosen => chosen,
+    })
 }
 
 /// Returns the records that are fitted and those that are held out.

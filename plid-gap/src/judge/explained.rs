@@ -302,8 +302,9 @@ fn put_first(candidates: &mut Vec<Candidate>, effects: &[Placed], why: &Refusal)
         Some(rank) if *why == Refusal::Outdone => candidates[..=rank].rotate_right(1),
         // Those before it predict no better than the refused one.
         Some(rank) => {
-            let mut at = 0..;
-            candidates.retain(|candidate| at.next() >= Some(rank) || candidate.effects.is_empty());
+            let confirmed = candidates.split_off(rank);
+            candidates.retain(|candidate| candidate.effects.is_empty());
+            candidates.extend(confirmed);
         }
         None => {}
     }

@@ -125,8 +125,9 @@ pub(super) fn misfit(plant: &Plant) -> f64 {
 /// causes an acceleration at once; a velocity decays as 1/s, and a position as 1/s^2.
 fn by_slope(plant: &Plant, output: usize) -> Sensed {
     let size = |share: f64| {
-        let response = response(plant, output, C::new(0.0, TAU * share * plant.rate))?;
-        Some(response.iter().map(|g| g.norm_sqr()).sum::<f64>().sqrt())
+        let beside = beside_modes(plant, output, C::new(0.0, TAU * share * plant.rate))?;
+        let response = beside.iter().enumerate().map(|(i, g)| g + plant.d[(output, i)]);
+        Some(response.map(|g| g.norm_sqr()).sum::<f64>().sqrt())
     };
     let [from, to] = SLOPE_BETWEEN;
     let slope = size(from).zip(size(to)).map(|(low, high)| (high / low).ln() / (to / from).ln());
@@ -170,14 +171,8 @@ fn distance(plant: &Plant, output: usize, order: i32, free: bool) -> f64 {
     sum / (FREQUENCIES * plant.m) as f64
 }
 
-/// Returns the response of one output to each input (m) at s, in continuous time; `None` if the rest has no continuous
-/// form.
-fn response(plant: &Plant, output: usize, s: C) -> Option<Vec<C>> {
-    let beside = beside_modes(plant, output, s)?.into_iter().enumerate();
-    Some(beside.map(|(i, beside)| beside + plant.d[(output, i)] + of_modes(plant, output, i, s)).collect())
-}
-
-/// Returns the part of the poles beside the modes in the response of one output to each input (m).
+/// Returns the part of the poles beside the modes in the response of one output to each input (m) at s, in continuous
+/// time; `None` if the rest has no continuous form.
 fn beside_modes(plant: &Plant, output: usize, s: C) -> Option<Vec<C>> {
     let (a, b) = plant.rest.continuous.as_ref()?;
     if a.is_empty() {
@@ -188,7 +183,7 @@ fn beside_modes(plant: &Plant, output: usize, s: C) -> Option<Vec<C>> {
     Some((plant.rest.c.row(output).map(C::from) * states).iter().copied().collect())
 }
 
-/// Returns the part of the modes in the response of one output to one input.
+/// Returns the part of the modes in the response of one output to one input at s.
 fn of_modes(plant: &Plant, output: usize, input: usize, s: C) -> C {
     let part = |mode: &super::Mode| {
         let residue = mode.c[output] * mode.b[input];

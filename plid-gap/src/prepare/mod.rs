@@ -573,9 +573,8 @@ fn quiet_stretches(
 ) -> Vec<Stretch> {
     let shortest = settings.shortest_quiet;
     // What is left of a motion that decays is no noise.
-    let at_rest = |record: &Record| match record.from_rest {
-        true => record.y.clone(),
-        false => record.error_where_measured(&run(plant, &[], record)),
+    let at_rest = |record: &Record| {
+        if record.from_rest { record.y.clone() } else { record.error_where_measured(&run(plant, &[], record)) }
     };
     let silent = silent(records, shortest, |record| Stretch::new(&tones::without(&at_rest(record), plant.rate, tones)));
     if silent.is_empty() { repeated(plant, records, shortest) } else { silent }
