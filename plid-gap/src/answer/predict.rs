@@ -73,7 +73,7 @@ impl Predictor {
     pub fn new(written: SimulationWithEffects, library: &Library, path: &Path) -> Result<Self, GapError> {
         let malformed = |message: String| GapError::Malformed { file: path.into(), message };
         let model = Model::from_json(&written.linear, &path.display().to_string())?;
-        let mut plant = Plant::with_settings(&model, &written.plant)?;
+        let mut plant = Plant::in_modal_coordinates(&model, written.modes, &written.plant)?;
         // The range lists every port. The model after the refit may appear to have a further one.
         if written.fitted.as_ref().is_some_and(|fitted| fitted.displacement_peak.is_empty()) {
             plant.ports.clear();
@@ -308,6 +308,7 @@ mod tests {
     use crate::case::record::rms;
     use crate::effects::CubicStiffness;
     use crate::testing::{random_input, record, run, truss, truss_with};
+    use plid_fourier::C;
 
     /// Returns a predictor with a softening spring at the first port, fitted at a hundredth of the level at which the
     /// spring loses its stiffness, and an input at ten times that level.
@@ -568,5 +569,27 @@ mod tests {
             }
         }
         assert!(read > 50 && refused > 50, "{read} {refused}");
+    }
+
+    /// A refit may move a damping ratio past the threshold of a structural mode. The file states how many modes there
+    /// are.
+    #[test]
+    fn modes_are_not_chosen_again() {
+        let given = truss_with(1, |modes, _, _| modes[3].1 = 0.28);
+        let mut plant = Plant::new(&given).unwrap();
+        let w = plant.modes[3].pole.norm();
+        plant.move_pole(3, C::new(-0.32 * w, w * (1.0 - 0.32_f64.powi(2)).sqrt()));
+        let linear = plant.to_model(&given);
+        assert_eq!((plant.modes.len(), Plant::new(&linear).unwrap().modes.len()), (4, 3));
+        let file = serde_json::json!({
+            "format": "simulation-with-effects", "linear": linear.to_json(), "modes": 4, "refit": [], "t0": 1.0,
+            "noise_rms": [0.1, 0.1],
+            "effects": [{ "effect": "modal-damping", "location": "mode:243.0", "equation": "",
+                          "parameters": { "rho": { "value": 1.2, "unit": "1" } } }],
+        });
+        let file = serde_json::from_value(file).unwrap();
+        let read = Predictor::new(file, &Library::standard(), Path::new("sim.json")).unwrap().plant;
+        assert_eq!(read.modes.len(), 4);
+        assert!((read.modes[3].damping() - 0.32).abs() < 1e-9, "{}", read.modes[3].damping());
     }
 }

@@ -49,8 +49,8 @@ pub struct Audit {
 pub(crate) struct Law {
     /// The law in words.
     pub name: String,
-    /// The names of its effects, with their locations.
-    pub effects: Vec<(String, String)>,
+    /// The names of its effects, with their locations and parameters.
+    pub effects: Vec<(String, String, Vec<f64>)>,
     /// The force at each port in each fitted record, or in the fitted part of that record, by the name of the record.
     /// The scale of the force is arbitrary.
     pub forces: Vec<(String, Channels)>,

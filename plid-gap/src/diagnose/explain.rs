@@ -6,7 +6,7 @@ use std::cell::OnceCell;
 use crate::case::record::Channels;
 use crate::effects::{Library, Observation};
 use crate::fit::free_run::{errors, outputs};
-use crate::fit::problem::{Fit, Problem, sum_of_squares};
+use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::fit::refit::{Refit, STEPS, refit};
 use crate::judge::explained::{Explained, left};
 use crate::judge::offsets::offsets;
@@ -15,7 +15,7 @@ use crate::judge::verdict::{Adequacy, FitFigures, adequacy, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
 use crate::search::course::not_of_time;
-use crate::search::levels::{by_level, from_earlier};
+use crate::search::levels::{by_level, from_earlier, from_known};
 use crate::search::linear_cause;
 use crate::search::modal::{dominant, gain_on_modes};
 use crate::search::over_time::over_time;
@@ -29,19 +29,20 @@ use plid_report::percent;
 
 /// Searches with the ports as locations of internal forces. If that does not suffice, searches again with locations on
 /// the modes near whose frequencies the gap lies. `stage` is the first stage of the first search; it is filled if it
-/// is empty.
+/// is empty. `known` are effects from which the search may begin, too.
 pub fn explain<'a>(
     ready: Prepared,
     refitted: Refit,
     library: &'a Library,
     rules: &Rules,
+    known: &[Placed<'a>],
     stage: &OnceCell<SearchStage<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let names = ready.problem.setting.names.clone();
     let settings = ready.problem.settings.search.clone();
     let scope = Scope { library, rules, settings, names, off: ready.off.clone(), bold: false, imperfect: false };
-    let first = passes(ready, refitted, &scope, stage, say);
+    let first = passes(ready, refitted, &scope, known, stage, say);
     let explained = elsewhere(first, &scope, say).refuse_divergence().refuse_outdone();
     later(explained, &scope, say).refuse_fits_to_noise().refuse_overfit()
 }
@@ -84,13 +85,27 @@ fn elsewhere<'a>(first: Explained<'a>, scope: &Scope<'_, 'a>, say: &mut dyn FnMu
     if gain_on_modes(&ready.problem, &ready.noise, &first.refitted, &scope) < least {
         return first;
     }
-    let mut second = passes(ready, first.refitted.clone(), &scope, &OnceCell::new(), say);
-    if second.price() + scope.settings.accept_gain > first.price() {
+    let mut second = passes(ready, first.refitted.clone(), &scope, &[], &OnceCell::new(), say);
+    // The second search may have found other noise, by which its costs are weighted.
+    let change = change_of_cost(problem, first.fit(), &second.ready.problem);
+    if second.price() + scope.settings.accept_gain > first.price() + change {
         return first;
     }
-    second.found.candidates.extend(first.found.candidates);
-    second.found.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
+    let mut candidates = first.found.candidates;
+    for candidate in &mut candidates {
+        candidate.cost += change;
+        candidate.priced += change;
+    }
+    second.found.add(candidates);
     second
+}
+
+/// Returns the change of a fit's cost if the records are weighted as in another problem with the same records.
+fn change_of_cost(problem: &Problem, fit: &Fit, other: &Problem) -> f64 {
+    let weighted = Problem { whiteners: other.whiteners.clone(), ..problem.clone() };
+    let plant = weighted.nuisance.apply(&weighted.plant, &fit.eta);
+    let residual = weighted.residual(&plant, &fit.eta, &fit.effects, Fineness::FINE);
+    sum_of_squares(&residual) + weighted.penalty(&fit.eta) - fit.cost
 }
 
 /// The pass to which a search belongs.
@@ -109,6 +124,7 @@ fn passes<'a>(
     mut ready: Prepared,
     mut refitted: Refit,
     scope: &Scope<'_, 'a>,
+    known: &[Placed<'a>],
     stage: &OnceCell<SearchStage<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
@@ -124,6 +140,9 @@ fn passes<'a>(
         let first = OnceCell::new();
         let stage = if pass == Pass::First { stage } else { &first };
         let mut searched = Searched::new(&mut ready, &refitted, scope, stage, say);
+        if pass == Pass::First {
+            searched.begun(&mut ready.problem, &refitted, known, scope, say);
+        }
         if ready.widened.is_some() {
             searched.completed(&mut ready.problem, &refitted, earlier.as_ref(), scope, say);
         }
@@ -173,6 +192,23 @@ impl<'a> Searched<'a> {
         let (quick, found) = by_level(&mut ready.problem, &ready.noise, refitted, scope, stage, say);
         let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
         Self { quick, found, simulated }
+    }
+
+    /// Searches from known effects, and replaces the result if this explains more.
+    fn begun(
+        &mut self,
+        problem: &mut Problem,
+        refitted: &Refit,
+        known: &[Placed<'a>],
+        scope: &Scope<'_, 'a>,
+        say: &mut dyn FnMut(String),
+    ) {
+        let known = Fit { effects: known.to_vec(), ..refitted.as_fit() };
+        if let Some(again) = from_known(problem, &mut self.quick, [&known, &self.found.best], refitted, scope, say) {
+            let candidates = std::mem::replace(&mut self.found, again).candidates;
+            self.found.add(candidates);
+            self.simulated = outputs(problem, &self.found.best.eta, &self.found.best.effects);
+        }
     }
 
     /// Completes a search with an error of the simulation. A search from the explanation of an earlier pass without
@@ -434,10 +470,12 @@ fn with_causes<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::Place;
+    use crate::case::record::Record;
+    use crate::effects::{Place, Setting};
     use crate::fit::candidate::{Candidate, all_same};
-    use crate::fit::problem::Placed;
     use crate::judge::explained::Refusal;
+    use crate::noise::NoiseModel;
+    use crate::noise::whiten::Whitener;
     use crate::prepare::{Known, prepare};
     use crate::testing;
 
@@ -464,7 +502,7 @@ mod tests {
                 bold: false,
                 imperfect: false,
             };
-            let mut explained = passes(ready, refitted, &scope, &OnceCell::new(), &mut |_| {});
+            let mut explained = passes(ready, refitted, &scope, &[], &OnceCell::new(), &mut |_| {});
             let at = |place, name: &str, parameters| {
                 let effect = library.effects().find(|effect| effect.name() == name).unwrap();
                 Placed { effect, place, parameters }
@@ -515,7 +553,7 @@ mod tests {
         let all = Rules { exclude: &[], ..few };
         let scope =
             Scope { library: &library, rules: &few, settings, names, off: vec![], bold: false, imperfect: true };
-        let found = passes(ready, refitted, &scope, &OnceCell::new(), &mut |_| {});
+        let found = passes(ready, refitted, &scope, &[], &OnceCell::new(), &mut |_| {});
         assert!(found.fails_later());
         let found = later(found, &Scope { rules: &all, ..scope }, &mut |_| {});
         let best = &found.fit().effects[0];
@@ -541,7 +579,7 @@ mod tests {
         let (names, settings) = (ready.problem.setting.names.clone(), ready.problem.settings.search.clone());
         let scope =
             Scope { library: &library, rules: &rules, settings, names, off: Vec::new(), bold: false, imperfect: true };
-        let found = passes(ready, refitted, &scope, &OnceCell::new(), &mut |_| {});
+        let found = passes(ready, refitted, &scope, &[], &OnceCell::new(), &mut |_| {});
         assert_eq!(found.fit().effects[0].effect.name(), "sensor-offset");
         let right = found.found.best.effects.clone();
         let mut found = found.refuse_overfit();
@@ -577,5 +615,46 @@ mod tests {
         found.found.candidates.clear();
         let alone = found.refuse_overfit();
         assert!(all_same(&alone.found.best.effects, &wrong(1.5).effects) && alone.refused.is_empty());
+    }
+
+    /// An explanation that takes the place of a refused one is settled, so its interval is as wide as any other.
+    #[test]
+    fn what_takes_over_is_settled() {
+        let library = Library::standard();
+        let size: fn(&Setting) -> Vec<f64> = |setting| vec![0.02 * setting.force[0] / setting.d_rms[0].powi(3)];
+        let ready = testing::laws::prepared(&[("cubic-stiffness", size)]);
+        let refitted = refit(&ready.problem, STEPS);
+        let exclude = testing::laws::without(&library, &["cubic-stiffness"]);
+        let rules = Rules { suspects: &[], exclude: &exclude, without: &[] };
+        let (names, settings) = (ready.problem.setting.names.clone(), ready.problem.settings.search.clone());
+        let scope =
+            Scope { library: &library, rules: &rules, settings, names, off: vec![], bold: false, imperfect: false };
+        let mut explained = passes(ready, refitted, &scope, &[], &OnceCell::new(), &mut |_| {});
+        let right = explained.found.best.clone();
+        assert_eq!((right.effects[0].effect.name(), &right.effects[0].place), ("cubic-stiffness", &Place::Input(0)));
+        let setting = &explained.ready.problem.setting;
+        let wild = -1e3 * setting.stiffness[0] / setting.d_rms[0].powi(2);
+        let wild = testing::laws::at(&library, "cubic-stiffness", Place::Port(0), vec![wild]);
+        explained.found.best = Fit { effects: vec![wild], ..explained.refitted.as_fit() };
+        let next = explained.refuse_divergence();
+        assert!(!next.refused.is_empty() && all_same(&next.found.best.effects, &right.effects));
+        let wider = next.found.best.covariance[(0, 0)] / right.covariance[(0, 0)];
+        assert!((wider - 1.0).abs() < 0.05, "{wider}");
+    }
+
+    /// With noise of twice the size, a sum of squares is a quarter of the former one.
+    #[test]
+    fn a_cost_is_compared_under_the_same_noise() {
+        let problem = testing::laws::prepared(&[]).problem;
+        let weighted = |factor: f64| {
+            let noise = NoiseModel::declared(&problem.plant, &[factor * 1e-3; 2], &[0.0; 2]);
+            let whitener = |record: &Record| Whitener::new(record, &noise, problem.plant.rate, vec![Vec::new(); 2]);
+            Problem { whiteners: problem.records.iter().map(whitener).collect(), ..problem.clone() }
+        };
+        let (first, second) = (weighted(1.0), weighted(2.0));
+        let fit = refit(&first, STEPS).as_fit();
+        let expected = -0.75 * sum_of_squares(&fit.residual);
+        assert!((change_of_cost(&first, &fit, &second) / expected - 1.0).abs() < 1e-6);
+        assert!(change_of_cost(&first, &fit, &first).abs() < 1e-9 * fit.cost);
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::audit::Law;
 use crate::case::record::{Channels, Record, rms};
-use crate::effects::Action;
+use crate::effects::{Action, Library, Setting};
 use crate::fit::candidate::in_words;
 use crate::fit::problem::{Placed, Problem};
 use crate::judge::explained::Explained;
@@ -38,9 +38,42 @@ pub(super) fn law(explained: &Explained) -> Option<Law> {
     // A free shape counts as the law that it represents.
     let found = &explained.found.best.effects;
     let laws: Vec<Placed> = found.iter().filter(|placed| !ports_of(placed).is_empty()).cloned().collect();
+    let described =
+        |law: &Placed| (law.effect.name().into(), law.place.location(&setting.names), law.parameters.clone());
     Some(Law {
         name: in_words(&laws, &setting.names),
-        effects: laws.iter().map(|law| (law.effect.name().into(), law.place.location(&setting.names))).collect(),
+        effects: laws.iter().map(described).collect(),
         forces: records.iter().map(|record| record.name.clone()).zip(forces).collect(),
     })
+}
+
+/// Returns the effects of a law at their places in another plant, without those that have no place there.
+pub(super) fn placed<'a>(law: &Law, library: &'a Library, setting: &Setting) -> Vec<Placed<'a>> {
+    let placed = |(name, location, parameters): &(String, String, Vec<f64>)| {
+        let effect = library.effects().find(|effect| effect.name() == name)?;
+        let place = effect.places(setting).into_iter().find(|place| place.location(&setting.names) == *location)?;
+        Some(Placed { effect, place, parameters: parameters.clone() })
+    };
+    law.effects.iter().filter_map(placed).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Place;
+    use crate::testing::laws::prepared;
+
+    /// A law is found again at its location, and an effect whose location is missing is left out.
+    #[test]
+    fn a_law_keeps_its_place_in_another_plant() {
+        let setting = prepared(&[]).problem.setting;
+        let at = |location: &str| ("cubic-stiffness".to_string(), location.to_string(), vec![2.0]);
+        let location = Place::Input(0).location(&setting.names);
+        let law = Law { name: String::new(), effects: vec![at("port:gone"), at(&location)], forces: Vec::new() };
+        let library = Library::standard();
+        let effects = placed(&law, &library, &setting);
+        let [spring] = effects.as_slice() else { panic!("one effect") };
+        assert_eq!((spring.effect.name(), &spring.place), ("cubic-stiffness", &Place::Input(0)));
+        assert_eq!(spring.parameters, [2.0]);
+    }
 }

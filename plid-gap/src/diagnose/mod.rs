@@ -66,6 +66,8 @@ pub struct Groundwork<'a> {
     ready: Prepared,
     refitted: Refit,
     first: OnceCell<SearchStage<'a>>,
+    /// The law with whose force the model was identified, if there is one.
+    law: Option<Law>,
 }
 
 impl<'a> Groundwork<'a> {
@@ -79,7 +81,7 @@ impl<'a> Groundwork<'a> {
             refitted = refit(&ready.problem, refit::STEPS);
         }
         ready.renew_missing(&refitted.eta);
-        Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new() })
+        Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new(), law: None })
     }
 
     /// Returns the answer with the whole library, and the groundwork, which can be used again if effects are left out.
@@ -146,8 +148,9 @@ fn answer(
         let Ok(Some(audit)) = audit.with_law(ground.case, ground.library, without, &found) else { break };
         say(format!("repeated with a model that was identified with the force of {} as a further input", found.name));
         let Ok(again) = Groundwork::new(ground.case, ground.library, audit, say) else { break };
+        let again = Groundwork { law: Some(found), ..again };
         let Ok((other, next)) = finish(&again, &again.audit, without, say) else { break };
-        if !confirms(&other.diagnosis, &outcome.diagnosis, &found) {
+        if !confirms(&other.diagnosis, &outcome.diagnosis, again.law.as_ref()) {
             break;
         }
         (outcome, law) = (other, next);
@@ -158,14 +161,15 @@ fn answer(
 /// Returns whether an answer with a model that was identified with a law confirms this law and leaves a smaller gap.
 /// The law must come first, and no effect may be new, because an effect that only the new model needs is an error of
 /// that model.
-fn confirms(other: &Diagnosis, before: &Diagnosis, law: &Law) -> bool {
-    let is_of = |law: &Law, named: &NamedEffect| {
-        law.effects.iter().any(|(effect, location)| (effect, location) == (&named.effect, &named.location))
+fn confirms(other: &Diagnosis, before: &Diagnosis, law: Option<&Law>) -> bool {
+    let is_of = |named: &NamedEffect| {
+        let is = |(effect, location, _): &(String, String, _)| (effect, location) == (&named.effect, &named.location);
+        law.is_some_and(|law| law.effects.iter().any(is))
     };
     let known = |named: &NamedEffect| {
-        is_of(law, named) || before.effects.iter().any(|e| (&e.effect, &e.location) == (&named.effect, &named.location))
+        is_of(named) || before.effects.iter().any(|e| (&e.effect, &e.location) == (&named.effect, &named.location))
     };
-    other.effects.first().is_some_and(|first| is_of(law, first))
+    other.effects.first().is_some_and(|first| is_of(first))
         && other.effects.iter().all(known)
         && other.gap.with_effect < before.gap.with_effect.min(other.gap.as_given)
 }
@@ -180,7 +184,9 @@ fn finish(
     let config = &audit.case.config;
     let rules = Rules { suspects: &config.suspects, exclude: &config.exclude, without };
     let (ready, refitted) = (ground.ready.clone(), ground.refitted.clone());
-    let explained = explain(ready, refitted, ground.library, &rules, &ground.first, say);
+    let placed = |known| law::placed(known, ground.library, &ready.problem.setting);
+    let known = ground.law.as_ref().map_or_else(Vec::new, placed);
+    let explained = explain(ready, refitted, ground.library, &rules, &known, &ground.first, say);
     // The noise is that of the explanation's residual, because the explanation may account for a part of the quiet
     // records.
     let skipped = audit.known.off.contains(&Step::Stochastic);

@@ -112,8 +112,10 @@ impl<'a> Explained<'a> {
             let cheaper = |c: &&Candidate| tries > 0 && !c.effects.is_empty() && c.priced < self.refitted.cost;
             // The fit starts from the refit, because the linear parameters of the diverging explanation compensate
             // for its effects.
-            let anew =
-                |c: &Candidate<'a>| polish(problem, Fit { effects: c.effects.clone(), ..self.refitted.as_fit() });
+            let anew = |c: &Candidate<'a>| {
+                let fit = polish(problem, Fit { effects: c.effects.clone(), ..self.refitted.as_fit() });
+                if fit.cost.is_finite() { problem.settled(&fit) } else { fit }
+            };
             let next = found.candidates.iter().find(cheaper).map(anew);
             let refused = std::mem::replace(&mut found.best, next.unwrap_or_else(|| self.refitted.as_fit()));
             if self.refused.is_empty() {
@@ -211,6 +213,7 @@ impl<'a> Explained<'a> {
         self.unpredicted = None;
         self.found.candidates.retain(|other| other.effects.is_empty() || other.priced > candidate.priced);
         self.found.candidates.insert(0, candidate);
+        let fit = self.ready.problem.settled(&fit);
         self.give_way(fit, Refusal::Untimely);
         self
     }
@@ -262,7 +265,8 @@ impl<'a> Explained<'a> {
             other && candidate.priced < self.refitted.cost
         });
         let fitted = |c: &Candidate<'a>| polish(problem, Fit { effects: c.effects.clone(), ..self.refitted.as_fit() });
-        further.take(most_refused).map(fitted).find(|fit| predicts(fit, no_worse))
+        let next = further.take(most_refused).map(fitted).find(|fit| predicts(fit, no_worse));
+        next.map(|fit| problem.settled(&fit))
     }
 
     /// Replaces the explanation by the refit, and removes all that rank before the explanation without effects.

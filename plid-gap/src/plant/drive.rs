@@ -33,14 +33,14 @@ impl Plant {
         rest.is_some_and(|rest| (modes + rest - 1.0).abs() < FOLLOWS)
     }
 
-    /// Passes the force that accelerates a port through a lag with this pole in rad/s. Nothing changes without a
+    /// Passes the force that accelerates a port through a lag with this pole in rad/s. The state of the lag follows the
+    /// first `modal` states: those of the modes, which a load may already have coupled. Nothing changes without a
     /// continuous form of the rest.
-    pub fn lag_drive(&mut self, number: usize, pole: f64) {
+    pub fn lag_drive(&mut self, number: usize, pole: f64, modal: usize) {
         let mobility = self.mobility(number);
         if self.rest.continuous.is_none() || mobility <= 0.0 {
             return;
         }
-        let modal = 2 * self.modes.len();
         self.couple();
         let Some((a, b)) = self.rest.continuous.take() else { return };
         let (force, velocity, at_once) = {
@@ -118,7 +118,8 @@ mod tests {
             for damping in [31.0, 4.0] {
                 let (mut lagged, built) = (servo(436.0, damping, None, kind), servo(436.0, damping, Some(220.0), kind));
                 assert!(lagged.commands_position(0), "{kind:?} {damping}");
-                lagged.lag_drive(0, 220.0);
+                let modal = 2 * lagged.modes.len();
+                lagged.lag_drive(0, 220.0, modal);
                 for hz in [0.1, 1.0, 3.0, 10.0, 60.0, 200.0] {
                     let far = (lagged.response(hz) - built.response(hz)).norm() / built.response(hz).norm();
                     assert!(far < 1e-6, "{kind:?} {damping} {hz} Hz: {far}");

@@ -194,6 +194,19 @@ fn structural(model: &Model, settings: &PlantSettings) -> Result<Vec<Structural>
     Ok(structural)
 }
 
+/// Returns the discrete poles of the modes of a model in modal coordinates, whose first states are (Re z, Im z) of each
+/// mode; `None` if the model is in other coordinates.
+fn leading_poles(model: &Model, modes: usize) -> Option<Vec<C>> {
+    let (a, n) = (&model.a, model.n());
+    let is_alone = |i: usize| (0..n).all(|j| j / 2 == i / 2 || a[(i, j)] == 0.0 && a[(j, i)] == 0.0);
+    let pole = |i: usize| {
+        let z = C::new(a[(i, i)], a[(i + 1, i)]);
+        let turns = z.im > 0.0 && a[(i + 1, i + 1)] == z.re && a[(i, i + 1)] == -z.im;
+        (turns && is_alone(i) && is_alone(i + 1)).then_some(z)
+    };
+    if 2 * modes > n { None } else { (0..modes).map(|k| pole(2 * k)).collect() }
+}
+
 impl Plant {
     /// Decomposes a simulation with the default thresholds.
     ///
@@ -208,9 +221,29 @@ impl Plant {
     /// # Errors
     /// [`GapError::Model`] if the eigenvalues cannot be computed.
     pub fn with_settings(model: &Model, settings: &PlantSettings) -> Result<Self, GapError> {
-        let model = &balanced(model);
+        let model = balanced(model);
+        let found = structural(&model, settings)?;
+        Ok(Self::of_modes(&model, found, settings))
+    }
+
+    /// Decomposes a simulation as [`Plant::to_model`] writes it: the first states are those of this number of modes.
+    /// They stay modes although a refit may have moved a damping ratio past a threshold. A simulation in other
+    /// coordinates is decomposed by the thresholds.
+    ///
+    /// # Errors
+    /// [`GapError::Model`] if the eigenvalues cannot be computed.
+    pub fn in_modal_coordinates(model: &Model, modes: usize, settings: &PlantSettings) -> Result<Self, GapError> {
+        let poles = leading_poles(model, modes);
+        let model = balanced(model);
+        let written = poles.and_then(|poles| poles.into_iter().map(|pole| eigenvectors(&model.a, pole)).collect());
+        let found = written.map_or_else(|| structural(&model, settings), Ok)?;
+        Ok(Self::of_modes(&model, found, settings))
+    }
+
+    /// Returns the plant with these modes. All other states belong to the rest.
+    fn of_modes(model: &Model, structural: Vec<Structural>, settings: &PlantSettings) -> Self {
         let (n, m, p, rate) = (model.n(), model.m(), model.p(), model.sample_rate_hz);
-        let (poles, right, left) = split(structural(model, settings)?);
+        let (poles, right, left) = split(structural);
         let mut projection = DMatrix::identity(n, n);
         for (r, l) in right.iter().zip(&left) {
             projection -= (r * l.transpose()).map(|x| 2.0 * x.re);
@@ -259,7 +292,7 @@ impl Plant {
         let declared: Vec<Port> = model.ports.iter().map(|port| plant.declared(model, port)).collect();
         (plant.ports, plant.port_source) =
             if declared.is_empty() { inferred(&mut plant, model) } else { (declared, PortSource::Declared) };
-        Ok(plant)
+        plant
     }
 
     /// Returns the plant without actuators and filters if its modes alone reproduce its responses better than with

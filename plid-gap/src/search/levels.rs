@@ -42,7 +42,9 @@ pub(crate) fn by_level<'a>(
         quick.strong = true;
         begin.below = below.map(|below| {
             problem.strong = true;
-            carried(problem, &windows.of(&quick, noise), &below, |fit| polish(problem, fit))
+            let finish = |fit| polish(problem, fit);
+            // A linear effect acts alike at all levels, so its fit in the weaker records needs no continuation.
+            if is_linear(&below) { finish(below) } else { carried(problem, &windows.of(&quick, noise), &below, finish) }
         });
     }
     let strong = windows.filter(|_| begin.below.as_ref().is_none_or(|fit| !follows(problem, &fit.eta, &fit.effects)));
@@ -52,13 +54,18 @@ pub(crate) fn by_level<'a>(
     }
     if let Some(windows) = strong {
         // A linear effect acts alike at all levels, so it is not what the louder records show.
-        begin.below = begin.below.filter(|fit| !fit.effects.iter().all(|placed| placed.effect.is_linear()));
+        begin.below = begin.below.filter(|fit| !is_linear(fit));
         say(format!("windows of {} samples, up to {} of each record", windows.samples, windows.each));
         quick = windows.of(&quick, noise);
         begin.windows = Some(noise);
     }
     let found = search(problem, &mut quick, begin, scope, stage, say);
     (quick, found)
+}
+
+/// Returns whether all effects of an explanation are linear, so that they act alike at all levels.
+fn is_linear(fit: &Fit) -> bool {
+    fit.effects.iter().all(|placed| placed.effect.is_linear())
 }
 
 /// Searches again from the result of an earlier pass if this pass has missed the first effect of that result and
@@ -76,6 +83,19 @@ pub(crate) fn from_earlier<'a>(
     if found.effects.iter().any(|placed| same(placed, first)) {
         return None;
     }
+    from_known(problem, quick, [earlier, found], refitted, scope, say)
+}
+
+/// Searches again from known effects if they explain more than this pass has found. The first of them are taken, as
+/// long as each of them explains enough.
+pub(crate) fn from_known<'a>(
+    problem: &mut Problem,
+    quick: &mut Problem,
+    [earlier, found]: [&Fit<'a>; 2],
+    refitted: &Refit,
+    scope: &Scope<'_, 'a>,
+    say: &mut dyn FnMut(String),
+) -> Option<Search<'a>> {
     let price = Price::new(problem, scope);
     let mut best = refitted.as_fit();
     for count in 1..=earlier.effects.len() {
@@ -88,7 +108,7 @@ pub(crate) fn from_earlier<'a>(
             None => break,
         }
     }
-    if best.effects.is_empty() || price.of(&best) >= price.of(found) {
+    if best.effects.is_empty() || price.of(&best) + scope.settings.accept_gain > price.of(found) {
         return None;
     }
     say(format!("{} explains more", in_words(&best.effects, &problem.setting.names)));
@@ -157,5 +177,12 @@ mod tests {
         let [spring] = again.best.effects.as_slice() else { panic!("one effect") };
         assert_eq!((spring.effect.name(), &spring.place), ("cubic-stiffness", &Place::Input(0)));
         assert!(from_earlier(problem, &mut quick, [&earlier, &again.best], &refitted, &scope, &mut say).is_none());
+        // A search that has missed the minimum begins again from a known law, although it has found the same effect.
+        let missed = Fit { effects: again.best.effects.clone(), ..refitted.as_fit() };
+        let known = Fit { effects: again.best.effects.clone(), ..refitted.as_fit() };
+        let found = from_known(problem, &mut quick, [&known, &missed], &refitted, &scope, &mut say).unwrap();
+        assert!(found.best.cost < 1.01 * again.best.cost, "{} {}", found.best.cost, again.best.cost);
+        assert!(from_known(problem, &mut quick, [&known, &again.best], &refitted, &scope, &mut say).is_none());
+        assert!(from_known(problem, &mut quick, [&refitted.as_fit(), &missed], &refitted, &scope, &mut say).is_none());
     }
 }

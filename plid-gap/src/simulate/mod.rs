@@ -193,6 +193,8 @@ fn power_of_two(parts: f64) -> usize {
 /// Returns the plant as changed by the actions before a run; `None` if no action changes it.
 pub fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
     let mut changed = changed_modes(plant, actions);
+    // Loads couple the modes, whose states come first. Those of the lags follow.
+    let modal = 2 * changed.as_ref().unwrap_or(plant).modes.len();
     for action in actions {
         if let Action::Load(port, load) = action {
             changed.get_or_insert_with(|| plant.clone()).load(*port, load);
@@ -200,7 +202,7 @@ pub fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
     }
     for action in actions {
         if let Action::Lag(port, pole) = action {
-            changed.get_or_insert_with(|| plant.clone()).lag_drive(*port, *pole);
+            changed.get_or_insert_with(|| plant.clone()).lag_drive(*port, *pole, modal);
         }
     }
     changed
@@ -222,6 +224,7 @@ pub fn changed_modes(plant: &Plant, actions: &[Action]) -> Option<Plant> {
 mod tests {
     use super::*;
     use crate::effects::Effect;
+    use crate::plant::Load;
     use crate::testing;
 
     fn run(plant: &Plant, seed: u64) -> Channels {
@@ -249,6 +252,20 @@ mod tests {
             let far = difference(&run(&Plant::new(&model).unwrap(), seed), &state_space(&model, seed));
             assert!(far < 1e-6, "{far}");
         }
+    }
+
+    /// A run begins from the same state with a lag beside a load of no size as with the lag alone.
+    #[test]
+    fn a_state_keeps_its_place_beside_a_load_and_a_lag() {
+        let plant = Plant::new(&testing::truss(1)).unwrap();
+        let mut begun = State::rest(&plant);
+        begun.modes.iter_mut().zip(1..).for_each(|(z, k)| *z = C::new(1e-3 * f64::from(k), -2e-3));
+        begun.rest.iter_mut().zip(1..).for_each(|(x, k)| *x = 1e-3 * f64::from(k));
+        let u = vec![vec![0.0; 100]; 2];
+        let run = |actions: &[Action]| simulate(&plant, actions, &u, 0.0, Some(&begun), Fineness::FINE);
+        let lag = || Action::Lag(0, 1e5);
+        let far = difference(&run(&[Action::Load(0, Load::default()), lag()]), &run(&[lag()]));
+        assert!(far < 1e-6, "{far}");
     }
 
     /// A mode that is moved, reshaped or added in modal form agrees with a structure that is built with that mode.
