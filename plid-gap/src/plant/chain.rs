@@ -52,7 +52,7 @@ impl SignalChain {
     /// Finds the poles that belong to a single input or output. `lowest` is the magnitude of the lowest mode's pole:
     /// in a free structure, slower poles belong to the rigid-body motion.
     pub(super) fn find(rest: &NonModal, step: f64, lowest: f64, settings: &PlantSettings) -> Self {
-        let PlantSettings { repeated_pole, own_channel, integrator, .. } = *settings;
+        let PlantSettings { repeated_pole, own_channel, integrator, light_damping, .. } = *settings;
         let (r, m, p) = (rest.a.nrows(), rest.b.ncols(), rest.c.nrows());
         let mut chain = Self::none(m, p);
         if r == 0 {
@@ -66,7 +66,9 @@ impl SignalChain {
                 continue;
             }
             let pole = z.ln() / step;
-            if is_free && pole.norm() < lowest {
+            // A lightly damped pair here is part of a repeated mode that could not be separated.
+            let is_light = z.im != 0.0 && pole.re.abs() < light_damping * pole.norm();
+            if is_light || is_free && pole.norm() < lowest {
                 continue;
             }
             let shifted = &matrix - DMatrix::from_diagonal_element(r, r, z);

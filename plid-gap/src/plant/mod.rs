@@ -17,6 +17,7 @@ mod logarithm;
 mod motion;
 mod ports;
 mod reciprocal;
+mod repeated;
 mod sensor;
 mod shown_forces;
 mod spectrum;
@@ -178,19 +179,29 @@ struct Basis {
     rest_inverse: DMatrix<f64>,
 }
 
-/// Returns the discrete poles of the structural modes with their right and left eigenvectors.
+/// Returns the discrete poles of the structural modes with their right and left eigenvectors. A repeated pole has a
+/// mode for each pair of vectors that can be separated; what remains of it belongs to the rest.
 fn structural(model: &Model, settings: &PlantSettings) -> Result<Vec<Structural>, GapError> {
     let mut oscillatory = plid_model::modes(model)?;
     oscillatory.retain(|mode| mode.kind == ModeKind::Oscillatory);
     let PlantSettings { light_damping, heavy_damping, mode_condition, .. } = *settings;
     let light = |damping: f64| damping.abs() < light_damping;
     let highest = oscillatory.iter().filter(|m| light(m.damping)).map(|m| m.hz).fold(0.0, f64::max);
-    let structural: Vec<_> = oscillatory
+    let poles: Vec<C> = oscillatory
         .into_iter()
         .filter(|mode| light(mode.damping) || mode.hz < highest && mode.damping.abs() < heavy_damping)
-        .filter_map(|mode| eigenvectors(&model.a, mode.pole))
-        .filter(|(_, right, left)| left.norm() * right.norm() < mode_condition)
+        .map(|mode| mode.pole)
         .collect();
+    let mut structural: Vec<Structural> = Vec::new();
+    for &pole in &poles {
+        let vectors = if poles.iter().filter(|other| repeated::is_same(pole, **other)).count() > 1 {
+            let others: Vec<_> = structural.iter().filter(|(other, ..)| repeated::is_same(pole, *other)).collect();
+            repeated::eigenvectors(model, pole, &others)
+        } else {
+            eigenvectors(&model.a, pole)
+        };
+        structural.extend(vectors.filter(|(_, right, left)| left.norm() * right.norm() < mode_condition));
+    }
     Ok(structural)
 }
 
@@ -513,25 +524,32 @@ fn balanced(model: &Model) -> Model {
 }
 
 /// Returns a pole with its right and left eigenvectors (l . r = 1), by inverse iteration on each side. Other poles
-/// that are repeated do not disturb the iteration, although they make the matrix of all eigenvectors singular.
+/// that are repeated do not disturb the iteration, although they make the matrix of all eigenvectors singular. If this
+/// pole is repeated, the vectors are the same at each call.
 fn eigenvectors(a: &DMatrix<f64>, pole: C) -> Option<Structural> {
-    let n = a.nrows();
     let matrix = a.map(C::from);
     let shift = pole * (1.0 + 1e-10);
-    let shifted = &matrix - DMatrix::from_diagonal_element(n, n, shift);
-    let (forth, back) = (shifted.clone().lu(), shifted.transpose().lu());
-    let mut right = DVector::from_fn(n, |i, _| C::cis(i as f64));
-    let mut left = right.clone();
-    for _ in 0..4 {
-        right = forth.solve(&right)?.normalize();
-        left = back.solve(&left)?.normalize();
-    }
+    let start = DMatrix::from_fn(a.nrows(), 1, |i, _| C::cis(i as f64));
+    let right = iterated(&matrix, shift, &start)?;
+    let left = iterated(&matrix.transpose(), shift, &start)?;
+    paired(&matrix, right.column(0).into_owned(), left.column(0).into_owned())
+}
+
+/// Returns the columns of a matrix after inverse iteration towards the pole next to `shift`, divided by a common size.
+fn iterated(matrix: &DMatrix<C>, shift: C, start: &DMatrix<C>) -> Option<DMatrix<C>> {
+    let n = matrix.nrows();
+    let factors = (matrix - DMatrix::from_diagonal_element(n, n, shift)).lu();
+    (0..4).try_fold(start.clone(), |columns, _| Some(factors.solve(&columns)?.normalize()))
+}
+
+/// Returns the pole of these eigenvectors of a matrix, and the vectors with l . r = 1.
+fn paired(matrix: &DMatrix<C>, right: DVector<C>, mut left: DVector<C>) -> Option<Structural> {
     let product = left.dot(&right);
     if !(product.norm() > 0.0) {
         return None;
     }
     left /= product;
-    let pole = left.dot(&(&matrix * &right));
+    let pole = left.dot(&(matrix * &right));
     Some((pole, right, left))
 }
 
@@ -604,13 +622,15 @@ pub(crate) fn phi1(x: C) -> C {
 
 impl Plant {
     /// Moves a mode's pole and keeps its physical shapes. The mode obeys q" + 2 zeta w q' + w^2 q = b.a, where a are
-    /// the outputs of the actuators, and before the filters an output measures a derivative of c q.
+    /// the outputs of the actuators, and before the filters an output measures a derivative of c q. The ports follow:
+    /// their rows of the actuators' outputs, and their forces on the filters, depend on the pole, too.
     pub fn move_pole(&mut self, k: usize, pole: C) {
         let from = self.modes[k].pole;
         let rows = Carried::new(from, pole);
         let before: Vec<C> = (0..self.m).map(|i| self.chain.before(i, pole) / self.chain.before(i, from)).collect();
         let sensed: Vec<C> = self.sensed.iter().map(|&sensed| rows.sensed(sensed)).collect();
         let behind: Vec<C> = (0..self.p).map(|o| self.chain.behind(o, pole) / self.chain.behind(o, from)).collect();
+        self.pass_ports(k, -1.0);
         self.change(k, |mode| {
             mode.pole = pole;
             mode.b.iter_mut().zip(before).for_each(|(b, ratio)| *b *= ratio);
@@ -620,6 +640,7 @@ impl Plant {
             port.displacement[k] *= rows.displacement;
             port.velocity[k] *= rows.velocity;
         }
+        self.pass_ports(k, 1.0);
     }
 
     /// Changes a mode, and with it the mode's response through the poles of actuators and filters.

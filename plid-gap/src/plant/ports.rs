@@ -236,6 +236,33 @@ impl Plant {
         }
     }
 
+    /// Adds or subtracts the part of each port in the rest that is due to one mode: the outputs of the actuators in its
+    /// rows, and its force on the poles of the filters.
+    pub(super) fn pass_ports(&mut self, k: usize, sign: f64) {
+        if !self.chain.known() {
+            return;
+        }
+        for index in 0..self.ports.len() {
+            let (mode, port) = (&self.modes[k], &self.ports[index]);
+            let [displacement, velocity] =
+                [port.displacement[k], port.velocity[k]].map(|row| self.actuators_part(mode, row) * sign);
+            let force = port.force[k];
+            let filters = self.filters_part(mode, &|o| self.product_at(mode, o, force)) * sign;
+            let port = &mut self.ports[index];
+            port.displacement_rest -= displacement;
+            port.velocity_rest -= velocity;
+            port.force_rest += filters;
+        }
+    }
+
+    /// Returns gamma_o beta for a force that enters a mode with this factor; zero for an output that measures no
+    /// motion.
+    fn product_at(&self, mode: &Mode, o: usize, force: C) -> f64 {
+        let Some(order) = self.sensed[o].order() else { return 0.0 };
+        let passed = self.chain.behind(o, mode.pole) * mode.pole.powi(order);
+        (mode.c[o] * force * C::new(0.0, 2.0 * mode.pole.im) / passed).re
+    }
+
     /// Returns the force of a port on the poles of the filters, through one mode, from gamma_o beta for each output.
     fn filters_part(&self, mode: &Mode, product: &dyn Fn(usize) -> f64) -> DVector<f64> {
         let mut column = DVector::zeros(self.rest.a.nrows());
@@ -278,7 +305,9 @@ fn same(a: &[f64], b: &[f64]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::case::record::rms;
     use crate::plant::Load;
+    use crate::testing;
     use crate::testing::accelerometers::model;
     use nalgebra::dmatrix;
 
@@ -297,6 +326,36 @@ mod tests {
         for hz in [3.0, 9.0, 14.0, 40.0] {
             let [found, right] = [&plant, &expected].map(|plant| plant.response(hz));
             assert!((&found - &right).norm() < 1e-3 * right.norm(), "{hz} Hz: {found} for {right}");
+        }
+    }
+
+    /// The ports of a plant whose mode is moved are those of a structure that is built so. The mode is near the poles
+    /// of the actuators. A slow command shows the outputs of the actuators in the velocities, which are small then, and
+    /// the response to a force shows what passes the filters.
+    #[test]
+    fn ports_move_with_their_mode() {
+        const MODE: usize = 3;
+        let truss = |factor: f64| {
+            let model = testing::truss_with(1, |modes, beta, _| {
+                modes[MODE].0 *= factor;
+                beta.row_mut(MODE).fill(2.0);
+            });
+            Plant::new(&model).unwrap()
+        };
+        let (mut moved, built) = (truss(1.0), truss(1.03));
+        moved.move_pole(MODE, moved.modes[MODE].pole * 1.03);
+        let turn = std::f64::consts::TAU * 10.0 / testing::RATE;
+        let slow: Vec<f64> = (0..800).map(|n| (turn * f64::from(n)).sin()).collect();
+        let u = [slow.clone(), slow];
+        let [found, right] = [&moved, &built].map(|plant| crate::prepare::port_motion(plant, &u));
+        for (k, (found, right)) in found.iter().zip(&right).enumerate() {
+            let difference: Vec<f64> = found.iter().zip(right).map(|(found, right)| found - right).collect();
+            let far = rms(&difference) / rms(right);
+            assert!(far < 1e-4, "{} of port {}: {far}", ["displacement", "velocity"][k % 2], k / 2);
+        }
+        for (port, hz) in [0, 1].into_iter().flat_map(|port| [20.0, 240.0, 700.0].map(|hz| (port, hz))) {
+            let [found, right] = [&moved, &built].map(|plant| plant.port_response(port, hz));
+            assert!((&found - &right).norm() < 1e-3 * right.norm(), "port {port}, {hz} Hz: {found} for {right}");
         }
     }
 
