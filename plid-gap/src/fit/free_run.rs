@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::case::Limits;
-use crate::case::record::{Channels, Record};
+use crate::case::record::{Channels, Record, rms};
 use crate::effects::Action;
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Placed, Problem, sum_of_squares};
@@ -70,25 +70,36 @@ impl Correction {
     }
 }
 
+/// Returns outputs (p channels) one after the other, each divided by its size. Samples that the record lacks are zero,
+/// so that they neither count nor respond.
+fn joined(record: &Record, y: &[Vec<f64>], sizes: &[f64]) -> Vec<f64> {
+    let of_output = |((y, measured), size): ((&Vec<f64>, &Vec<f64>), &f64)| -> Vec<f64> {
+        y.iter().zip(measured).map(|(y, measured)| if measured.is_finite() { y / size } else { 0.0 }).collect()
+    };
+    y.iter().zip(&record.y).zip(sizes).flat_map(of_output).collect()
+}
+
 /// Returns the initial state that explains a record best, by least squares on the linear response. It is fitted first
 /// without effects, and then corrected by the error of the run with them. A run from rest would begin with a
 /// transient that the record does not have, and that effects may amplify. A displacement that no output depends on
-/// shows in the effects alone, so its derivatives are differences of runs with them.
+/// shows in the effects alone, so its derivatives are differences of runs with them. Each output counts relative to its
+/// RMS, because the units of outputs may differ by many orders of magnitude.
 fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
     let nuisance = Nuisance::new(plant, std::slice::from_ref(record), &Limits::default());
     let (first, states) = (nuisance.of_simulation(), nuisance.states());
+    let size = |y: &Vec<f64>| rms(y.iter().filter(|y| y.is_finite()));
+    let sizes: Vec<f64> = record.y.iter().map(size).map(|size| if size > 0.0 { size } else { 1.0 }).collect();
     let mut columns = DMatrix::zeros(record.y.len() * record.samples(), states);
     let mut y = vec![vec![0.0; record.samples()]; record.y.len()];
     let derivatives = nuisance.by_start(plant, record.samples(), 0);
     derivatives.write(&derivatives.columns, &record.u, &mut y, |column, y| {
-        let flat: Vec<f64> = y.iter().flatten().copied().collect();
-        columns.column_mut(column.parameter - first).copy_from_slice(&flat);
+        columns.column_mut(column.parameter - first).copy_from_slice(&joined(record, y, &sizes));
     });
     let Some(linear) = Correction::new(columns) else { return State::rest(plant) };
     let state = |eta: &[f64]| nuisance.start(0, eta).unwrap_or_else(|| State::rest(plant));
     let left = |eta: &[f64], actions: &[Action]| -> Vec<f64> {
         let y = simulate(plant, actions, &record.u, record.start_s, Some(&state(eta)), Fineness::FINE);
-        record.error(&y).into_iter().flatten().collect()
+        joined(record, &record.error(&y), &sizes)
     };
     let corrected = |eta: &[f64], by: &Correction, error: &[f64]| -> Vec<f64> {
         let mut eta = eta.to_vec();
@@ -149,6 +160,43 @@ mod tests {
     use crate::testing::{held, random_input, record};
     use nalgebra::dmatrix;
     use plid_model::{Model, OutputKind};
+
+    /// Returns a plant of two lags with these poles, each with an input and an output, and the end of its record after
+    /// a large constant command.
+    fn two_lags(poles: [f64; 2], units: [f64; 2]) -> (Plant, Record) {
+        let a = dmatrix![poles[0], 0.0; 0.0, poles[1]];
+        let (b, c) = (dmatrix![1.0, 0.0; 0.0, 1.0], dmatrix![units[0], 0.0; 0.0, units[1]]);
+        let model = Model::new(100.0, a, b, c, dmatrix![0.0, 0.0; 0.0, 0.0]).unwrap();
+        let mut u = random_input(3, 600, 2);
+        u.iter_mut().for_each(|u| u[..200].fill(5.0));
+        let y = crate::testing::run(&model, &u);
+        let cut = |x: &Channels| -> Channels { x.iter().map(|x| x[200..].to_vec()).collect() };
+        (Plant::new(&model).unwrap(), Record { from_rest: false, ..record(cut(&u), cut(&y)) })
+    }
+
+    /// Returns the relative error of each output.
+    fn far(plant: &Plant, start: &Record, y: &Channels) -> Vec<f64> {
+        let error = Record { y: y.clone(), ..start.clone() }.error(&run(plant, &[], start));
+        error.iter().zip(y).map(|(error, y)| rms(error) / rms(y)).collect()
+    }
+
+    /// An output in a small unit shows its part of the initial state as well as one in a large unit.
+    #[test]
+    fn the_unit_of_an_output_does_not_hide_the_start_at_another() {
+        let (plant, measured) = two_lags([0.98, 0.95], [1e6, 1.0]);
+        let far = far(&plant, &measured, &measured.y);
+        assert!(far.iter().all(|far| *far < 1e-4), "{far:?}");
+    }
+
+    /// Samples that are missing, as at the beginning of a record whose end is held out, say nothing about the start.
+    #[test]
+    fn missing_samples_do_not_hold_the_start_at_rest() {
+        let (plant, measured) = two_lags([0.998, 0.995], [1.0, 1.0]);
+        let mut late = measured.clone();
+        late.y.iter_mut().for_each(|y| y[..100].fill(f64::NAN));
+        let far = far(&plant, &late, &measured.y);
+        assert!(far.iter().all(|far| *far < 1e-4), "{far:?}");
+    }
 
     /// The position of a motor at the beginning of a record shows in the force of a stiffening spring alone.
     #[test]

@@ -701,9 +701,22 @@ fn missing_modes(
     errors: &[Channels],
     (settings, band_hz): (&SignalSettings, Option<[f64; 2]>),
 ) -> Vec<MissingModeStart> {
-    let random = records.iter().zip(errors).filter(|(record, _)| record.excitation == Excitation::Random);
-    let driven: Vec<peaks::Driven> = random.map(|(record, error)| peaks::Driven { u: &record.u, error }).collect();
-    peaks::missing_modes(plant, &driven, settings, band_hz)
+    let random = || records.iter().zip(errors).filter(|(record, _)| record.excitation == Excitation::Random);
+    let driven: Vec<peaks::Driven> = random().map(|(record, error)| peaks::Driven { u: &record.u, error }).collect();
+    // The units of outputs may differ by many orders of magnitude, and outputs may contain constants.
+    let size = |o: usize| {
+        let motion = rms(random().flat_map(|(record, _)| about_its_mean(&record.y[o])));
+        if motion > 0.0 { motion } else { 1.0 }
+    };
+    let sizes: Vec<f64> = (0..plant.p).map(size).collect();
+    peaks::missing_modes(plant, &driven, &sizes, settings, band_hz)
+}
+
+/// Returns the measured samples of a channel without their mean.
+fn about_its_mean(y: &[f64]) -> Vec<f64> {
+    let measured: Vec<f64> = y.iter().copied().filter(|y| y.is_finite()).collect();
+    let mean = measured.iter().sum::<f64>() / measured.len().max(1) as f64;
+    measured.into_iter().map(|y| y - mean).collect()
 }
 
 /// Sets the properties of the ports from the loudest record. A port that it does not move is described by the record

@@ -77,18 +77,24 @@ impl Spectra {
     }
 }
 
-/// Returns the peaks of the residual's frequency response over driven records, the largest first. If there is a band in
-/// Hz, they lie in it.
+/// Returns the peaks of the residual's frequency response over driven records, the largest first. Each output counts
+/// relative to its size (p). If there is a band in Hz, the peaks lie in it.
 pub fn missing_modes(
     plant: &Plant,
     driven: &[Driven],
+    sizes: &[f64],
     settings: &SignalSettings,
     band_hz: Option<[f64; 2]>,
 ) -> Vec<MissingModeStart> {
     let (m, p) = (plant.m, plant.p);
-    let Spectra { uu, eu, segments } = Spectra::of(m, p, driven);
+    let Spectra { uu, mut eu, segments } = Spectra::of(m, p, driven);
     if segments <= m {
         return Vec::new();
+    }
+    for eu in &mut eu {
+        for (o, size) in sizes.iter().enumerate() {
+            eu.row_mut(o).iter_mut().for_each(|x| *x /= *size);
+        }
     }
     let bins = SEGMENT / 2 + 1;
     let hz = |k: usize| k as f64 * plant.rate / SEGMENT as f64;
@@ -121,7 +127,7 @@ pub fn missing_modes(
         if found.iter().any(|mode| is_same(mode.hz, hz(k), settings.same_peak)) {
             continue;
         }
-        found.push(start(plant, &response[k], &power, k, hz(k)));
+        found.push(start(plant, (&response[k], sizes), &power, k, hz(k)));
     }
     found
 }
@@ -131,7 +137,14 @@ pub fn is_same(hz: f64, other: f64, same_peak: f64) -> bool {
     (hz / other - 1.0).abs() < same_peak
 }
 
-fn start(plant: &Plant, response: &DMatrix<C>, power: &[f64], k: usize, hz: f64) -> MissingModeStart {
+/// Returns the start of a fit at a peak. The response is that of the outputs divided by their sizes.
+fn start(
+    plant: &Plant,
+    (response, sizes): (&DMatrix<C>, &[f64]),
+    power: &[f64],
+    k: usize,
+    hz: f64,
+) -> MissingModeStart {
     let half = 0.5 * power[k];
     let width = |step: i64| {
         let mut at = k as i64;
@@ -152,10 +165,45 @@ fn start(plant: &Plant, response: &DMatrix<C>, power: &[f64], k: usize, hz: f64)
     let svd = shape.svd(true, true);
     let (u, v) = (svd.u.expect("asked for"), svd.v_t.expect("asked for"));
     let first = svd.singular_values.imax();
+    let c: Vec<f64> = u.column(first).iter().zip(sizes).map(|(c, size)| c * size).collect();
+    let norm = c.iter().map(|c| c * c).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
     MissingModeStart {
         hz,
         damping,
-        b: v.row(first).iter().map(|x| x * svd.singular_values[first]).collect(),
-        c: u.column(first).iter().copied().collect(),
+        b: v.row(first).iter().map(|x| x * svd.singular_values[first] * norm).collect(),
+        c: c.iter().map(|c| c / norm).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::testing::{RATE, random_input, truss};
+
+    /// Returns a signal after a resonance at this frequency.
+    fn resonant(u: &[f64], hz: f64, gain: f64) -> Vec<f64> {
+        let w = TAU * hz / RATE;
+        let (turn, radius) = (2.0 * (-0.01 * w).exp() * w.cos(), (-0.02 * w).exp());
+        let mut before = [0.0; 2];
+        let step = |u: &f64| {
+            let now = turn * before[0] - radius * before[1] + gain * u;
+            before = [now, before[0]];
+            now
+        };
+        u.iter().map(step).collect()
+    }
+
+    /// The first output lacks a mode. The error of the second output is small, but its unit makes it a large number.
+    #[test]
+    fn the_unit_of_an_output_hides_no_mode_of_another() {
+        let plant = Plant::new(&truss(1)).unwrap();
+        let u = random_input(4, 8192, 2);
+        let error = [resonant(&u[0], 186.0, 0.1), resonant(&u[0], 58.0, 1e-3 * 1e6)];
+        let driven = [Driven { u: &u, error: &error }];
+        let first = |sizes: [f64; 2]| missing_modes(&plant, &driven, &sizes, &SignalSettings::default(), None)[0].hz;
+        assert!((first([1.0, 1e6]) / 186.0 - 1.0).abs() < 0.02, "{}", first([1.0, 1e6]));
+        assert!((first([1.0, 1.0]) / 58.0 - 1.0).abs() < 0.02, "{}", first([1.0, 1.0]));
     }
 }
