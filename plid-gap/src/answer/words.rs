@@ -112,7 +112,7 @@ pub(crate) fn smaller(explained: &Explained, named: &[NamedEffect]) -> Vec<Strin
 }
 
 fn costs(explained: &Explained) -> String {
-    let rows = explained.ready.problem.rows() as f64;
+    let rows = explained.ready.problem.values();
     format!(
         "Mean squared residual relative to the noise: {:.3} as given, {:.3} after the bounded refit, {:.3} with the \
         best explanation (1 = noise only).",

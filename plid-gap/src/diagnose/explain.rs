@@ -281,7 +281,7 @@ impl<'a> Searched<'a> {
         problem.nuisance.ports_follow = free.is_none() || problem.few();
         self.found.best = problem.settled(&self.found.best);
         let best_cost = self.found.best.cost;
-        let level = ready.noise_level(&self.simulated, best_cost / ready.problem.rows() as f64);
+        let level = ready.noise_level(&self.simulated, best_cost / ready.problem.values());
         let fit = free.as_ref().map_or(&self.found.best, |free| &free.fit);
         let unpredicted = (widened && ready.quiet.is_empty()).then(|| Unpredicted::of(&ready.problem, fit)).flatten();
         let before = refitted.cost.max(given_cost);
@@ -351,7 +351,7 @@ struct Judging<'j> {
 impl Judging<'_> {
     fn adequacy(&self, max_prior_z: f64, next_gain: f64, cost: f64) -> Adequacy {
         let Self { ready, before, level, .. } = *self;
-        let figures = FitFigures { max_prior_z, next_gain, cost, before, rows: ready.problem.rows() as f64, level };
+        let figures = FitFigures { max_prior_z, next_gain, cost, before, rows: ready.problem.values(), level };
         adequacy(&figures, &ready.problem.settings.judge, &ready.off)
     }
 
@@ -363,7 +363,7 @@ impl Judging<'_> {
     ) -> Adequacy {
         let problem = &self.ready.problem;
         let settings = &problem.settings.judge;
-        let rows = problem.rows() as f64;
+        let rows = problem.values();
         let best = found.best.clone();
         let straight = problem.max_prior_z(&best.eta);
         let mut judged = self.adequacy(straight, self.next(found), best.cost);
@@ -403,7 +403,7 @@ impl Judging<'_> {
         let further = last.and_then(|entries| entries.iter().find(|entry| !entry.placed.effect.is_in_refit()));
         let next = further.map_or(0.0, |entry| entry.gain);
         // If no record shows the noise level, the residual is the estimate of that level.
-        let left = found.best.cost / self.ready.problem.rows() as f64;
+        let left = found.best.cost / self.ready.problem.values();
         if self.level.seen { next } else { next / left.max(1.0) }
     }
 }

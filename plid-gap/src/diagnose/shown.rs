@@ -70,7 +70,7 @@ impl Finding<'_, '_> {
         let Explained { ready, refitted, found, judged, given_cost, .. } = self.explained;
         let problem = &ready.problem;
         let names = &problem.setting.names;
-        let rows = problem.rows() as f64;
+        let rows = problem.values();
         let trace = ready.held_out.last().or(problem.records.last()).expect("a case has records");
         let loudest = loudest(&problem.records, problem.settings.case.same_level);
         let [before, after] = self.maps;

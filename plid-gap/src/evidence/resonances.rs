@@ -73,7 +73,7 @@ fn alone(problem: &Problem, plant: &Plant, noise: &NoiseModel, index: usize) -> 
     let own = if record.samples() > SAMPLES { whole.head(SAMPLES, noise) } else { whole };
     let fitted = refit(&own, STEPS);
     // The residual that a linear model leaves widens the intervals.
-    let inflation = (sum_of_squares(&fitted.residual) / own.rows().max(1) as f64).max(1.0);
+    let inflation = (sum_of_squares(&fitted.residual) / own.values().max(1.0)).max(1.0);
     let covariance = fitted.jacobian.normal.clone().cholesky().map(|factor| factor.inverse() * inflation);
     let deviation = |entry: usize| covariance.as_ref().map_or(f64::INFINITY, |c| c[(entry, entry)].max(0.0).sqrt());
     let EvidenceSettings { frequency_narrowed, damping_narrowed, .. } = problem.settings.evidence;

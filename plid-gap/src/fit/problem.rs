@@ -111,6 +111,11 @@ impl Problem {
         self.whiteners.iter().map(Whitener::rows).sum()
     }
 
+    /// Returns the number of values that count in a sum of squares: the rows, less those of ignored samples.
+    pub fn values(&self) -> f64 {
+        self.whiteners.iter().map(Whitener::values).sum()
+    }
+
     /// Returns the rows of one record.
     pub fn rows_of(&self, record: usize) -> std::ops::Range<usize> {
         let start = self.whiteners[..record].iter().map(Whitener::rows).sum();

@@ -62,7 +62,7 @@ impl<'a> Problem<'a> {
         if left == steps {
             return found.point;
         }
-        let spread = (found.point.cost / self.rows() as f64).max(1.0);
+        let spread = (found.point.cost / self.values()).max(1.0);
         Fit { covariance: self.covariance(&found.equations, &found.point, spread), ..found.point }
     }
 
@@ -83,8 +83,7 @@ impl<'a> Problem<'a> {
         let plain = self.by_noise_alone(noise);
         let at = plain.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());
         let equations = plain.linearised(&at, &plain.slopes(runs, &at));
-        let rows = plain.rows();
-        let beyond = (sum_of_squares(&at.residual[..rows]) - rows as f64).max(0.0);
+        let beyond = (sum_of_squares(&at.residual[..plain.rows()]) - plain.values()).max(0.0);
         plain.covariance(&equations, &at, 1.0 + beyond)
     }
 

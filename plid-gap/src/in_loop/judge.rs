@@ -150,7 +150,7 @@ pub(super) fn judge<'a>(
         if at > 0 && z < search.settings.clear && !fit.effects.is_empty() && named && is_rival(best, fit) {
             not_separable.push(fit.effects.clone());
         }
-        let cost = Some(fit.cost / problem.rows() as f64);
+        let cost = Some(fit.cost / problem.values());
         weighted.push(Weighted { effects: fit.effects.clone(), unknown: false, probability, cost });
     }
     let all: f64 = weighted.iter().map(|w| w.probability).sum();

@@ -188,6 +188,11 @@ impl<'a> Problem<'a> {
         self.whiteners.iter().map(Whitener::rows).sum()
     }
 
+    /// Returns the number of values that count in a sum of squares: the rows, less those of ignored samples.
+    pub fn values(&self) -> f64 {
+        self.whiteners.iter().map(Whitener::values).sum()
+    }
+
     /// Returns the whitened residual of runs, without the nuisances' prior.
     pub fn whitened(&self, simulated: &[Channels]) -> Vec<f64> {
         let errors: Vec<Channels> = self.records.iter().zip(simulated).map(|(r, y)| r.error(y)).collect();

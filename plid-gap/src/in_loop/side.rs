@@ -60,7 +60,7 @@ pub(super) fn places<'a>(
     let residual = quick.beyond_limits(&start.residual[..quick.rows()]);
     let gain = |Means { side, place, traces }: Means| (side, explained(&traces, &residual), place);
     let gains = means.into_iter().map(gain).collect();
-    shares(gains, sum_of_squares(&residual) - residual.len() as f64, settings)
+    shares(gains, sum_of_squares(&residual) - quick.values(), settings)
 }
 
 /// Returns the change of the outputs (p channels) by a small effect without a run of the simulator; `None` if only a

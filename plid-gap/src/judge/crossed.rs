@@ -97,7 +97,7 @@ impl<'p> Crossed<'p> {
     /// Predicts each fitted record by a model that is fitted to the others. A record that is louder than all others
     /// is predicted part by part, from its other parts as well: the other records do not show how an effect acts at
     /// that level.
-    pub fn of(problem: &'p Problem, fit: &Fit, noise: impl Fn(&Record) -> Whitener) -> Self {
+    pub fn of(problem: &'p Problem, fit: &Fit, noise: impl Fn(&Record, Vec<Vec<usize>>) -> Whitener) -> Self {
         let records = &problem.records;
         let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].is_driven()).collect();
         let mut simulated = outputs(problem, &fit.eta, &fit.effects);
@@ -184,7 +184,12 @@ fn by_others(problem: &Problem, fit: &Fit, k: usize) -> Channels {
 }
 
 /// Returns the free run of a record, each part by the model that is fitted to its other parts and the other records.
-fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: &impl Fn(&Record) -> Whitener) -> Channels {
+fn by_parts(
+    problem: &Problem,
+    fit: &Fit,
+    only: usize,
+    noise: &impl Fn(&Record, Vec<Vec<usize>>) -> Whitener,
+) -> Channels {
     let record = &problem.records[only];
     let samples = record.samples();
     let mut whole: Channels = record.y.clone();
@@ -195,11 +200,8 @@ fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: &impl Fn(&Record) 
         for y in &mut others.records[only].y {
             y[range.clone()].fill(f64::NAN);
         }
-        let mut whitener = noise(record);
-        for (masked, known) in whitener.masked.iter_mut().zip(&problem.whiteners[only].masked) {
-            masked.clone_from(known);
-            masked.extend(range.clone());
-        }
+        // The samples that are missing now are masked as well.
+        let whitener = noise(&others.records[only], problem.whiteners[only].masked.clone());
         others.whiteners[only] = whitener;
         let jacobian = others.jacobian(&others.nuisance.apply(&others.plant, &fit.eta));
         let fit = others.fit(&jacobian, &fit.eta, &fit.effects, FROM_ALL);

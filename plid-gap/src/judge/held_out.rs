@@ -42,7 +42,7 @@ pub fn held_out(
     explained: &Plant,
     actions: &[Action],
 ) -> Option<HeldOut> {
-    let (mut before, mut after, mut apart, mut rows) = (0.0, 0.0, 0.0, 0);
+    let (mut before, mut after, mut apart, mut values) = (0.0, 0.0, 0.0, 0.0);
     for record in records {
         let whitener = Whitener::new(record, noise, refit.rate, vec![Vec::new(); record.y.len()]);
         let residual = |plant: &Plant, actions: &[Action]| {
@@ -54,11 +54,11 @@ pub fn held_out(
         before += sum_of_squares(&r0);
         after += sum_of_squares(&r1);
         apart += r0.iter().zip(&r1).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
-        rows += r0.len();
+        values += whitener.values();
     }
     // A residual of the better simulation beyond the noise adds to the scatter as noise does.
-    let blur = (before.min(after) / rows.max(1) as f64).max(1.0);
-    (rows > 0).then(|| HeldOut { gain: before - after, deviation: 2.0 * (apart * blur).sqrt() })
+    let blur = (before.min(after) / values.max(1.0)).max(1.0);
+    (values > 0.0).then(|| HeldOut { gain: before - after, deviation: 2.0 * (apart * blur).sqrt() })
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 
 use crate::case::CaseConfig;
 use crate::case::levels::loudest;
+use crate::case::record::{Channels, Record};
 use crate::effects::Action;
 use crate::fit::free_run::run;
 use crate::fit::refit::clipped;
@@ -94,7 +95,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let mut weighted = weigh(
             &found.candidates,
             unknown.max(least),
-            problem.rows() as f64,
+            problem.values(),
             explained.level,
             &problem.settings,
             &ready.off,
@@ -103,7 +104,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }
-        let verdict = verdict(explained, &weighted, &squared_gaps, &gaps, config.material);
+        let verdict = verdict(explained, &weighted, &squared_gaps, &gaps, bounded, config.material);
         if verdict == Verdict::None && weighted.first().is_some_and(|top| top.unknown) {
             put_nothing_first(&mut weighted, &problem.settings.judge);
         }
@@ -227,19 +228,45 @@ fn kin_is_more_probable(weighted: &[Weighted], probability: f64) -> bool {
     first.is_some_and(|first| !first.effects.is_empty() && with_kin(&first.effects, weighted) > probability)
 }
 
-fn verdict(explained: &Explained, weighted: &[Weighted], squared_gaps: &[f64], gaps: &Gap, material: f64) -> Verdict {
+/// Returns the gap of a simulation beyond the noise on the opened records, relative to the motion of the outputs: both
+/// the measured and the simulated outputs are taken without their means. A constant, such as the position about which a
+/// valve works, may be much larger than its motion. The noise counts with twice the uncertainty of its level.
+fn gap_of_motion(explained: &Explained, plant: &Plant) -> f64 {
+    let opened = opened(explained);
+    let measured: Vec<Channels> = opened.iter().map(|record| gap::motion(&record.y, &record.y)).collect();
+    let of_record =
+        |(record, y): (&&Record, &Channels)| Blocks::new(y, &gap::motion(&run(plant, &[], record), &record.y), 0);
+    let blocks = Blocks::joined(opened.iter().zip(&measured).map(of_record).collect());
+    let moves: Vec<&[Vec<f64>]> = measured.iter().map(Vec::as_slice).collect();
+    let floor = gap::floor_over(&explained.noise_rms(), &moves).powi(2) * (1.0 + 2.0 * explained.level.uncertainty);
+    blocks.map_or(0.0, |blocks| (blocks.gap().powi(2) - floor).max(0.0).sqrt())
+}
+
+/// Chooses the verdict. `within` is the simulation within its limits.
+fn verdict(
+    explained: &Explained,
+    weighted: &[Weighted],
+    squared_gaps: &[f64],
+    gaps: &Gap,
+    within: &Plant,
+    material: f64,
+) -> Verdict {
+    let ready = &explained.ready;
+    // A gap is immaterial if it is small beside the outputs and beside their motion.
+    let is_small = |gap: f64, plant: &Plant| gap < material && gap_of_motion(explained, plant) < material;
+    let within = ready.best_linear.as_ref().unwrap_or(within);
     // If the simulation within its limits leaves less than a material gap, and stochastic effects make less than one,
     // nothing material is missing, whatever would close the rest.
     let noise: f64 = squared_gaps.iter().sum();
-    let immaterial = explained.ready.widened.is_some()
-        && gaps.beyond_noise(gaps.within_limits) < material
-        && noise < material * material;
+    let immaterial = ready.widened.is_some()
+        && noise < material * material
+        && is_small(gaps.beyond_noise(gaps.within_limits), within);
     match weighted.first() {
         Some(_) if immaterial => Verdict::None,
         Some(top) if top.unknown && !kin_is_more_probable(weighted, top.probability) => Verdict::Unknown,
         Some(top) if !top.unknown && top.effects.is_empty() => Verdict::None,
         // Stochastic effects are not part of the gap, so they may matter although the gap is small.
-        Some(_) if squared_gaps.is_empty() && gaps.as_given < material => Verdict::None,
+        Some(_) if squared_gaps.is_empty() && is_small(gaps.as_given, ready.as_given()) => Verdict::None,
         Some(_) => Verdict::Effects,
         None => Verdict::Unknown,
     }

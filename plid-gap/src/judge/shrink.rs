@@ -122,8 +122,8 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let loudest = loudest(&problem.records, problem.settings.case.same_level);
     let noise = explained.noise_rms();
     // The prediction uses the fitted records only. The held-out records then show by how much it was wrong.
-    let masked = || vec![Vec::new(); problem.plant.p];
-    let whitened = |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, masked());
+    let whitened =
+        |record: &Record, masked: Vec<Vec<usize>>| Whitener::new(record, &ready.noise, problem.plant.rate, masked);
     let crossed = Crossed::of(problem, &explained.predicting(), whitened);
     let opened = opened(explained);
     let of = |plant: &Plant, actions: &[Action]| blocks(&opened, plant, actions);

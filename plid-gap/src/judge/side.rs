@@ -73,7 +73,7 @@ pub fn places(ready: &Prepared, known: &Known, factor: f64) -> Vec<PlaceShare> {
     let means = means(&problem);
     let gain = |means: Means| (means.side, base.gain(&means), means.place);
     let gains = means.into_par_iter().map(gain).collect();
-    shares(gains, base.cost - factor * problem.rows() as f64, settings)
+    shares(gains, base.cost - factor * problem.values(), settings)
 }
 
 /// Returns the share that each place explains, the largest first, from its gain; none if no place gains enough. The

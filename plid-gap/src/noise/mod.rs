@@ -6,6 +6,7 @@
 //! input. In closed loop, the noise of a sensor also moves the plant: y = S (P v + e), with the sensitivity S of the
 //! loop.
 
+mod bridge;
 mod expected;
 pub(crate) mod local_polynomial;
 pub(crate) mod model_error;
@@ -53,19 +54,23 @@ pub struct Stretch {
 }
 
 impl Stretch {
-    /// Computes the spectra of residuals (p channels) without their mean and trend. The power is that of the samples
-    /// that are not missing (NaN).
+    /// Computes the spectra of residuals (p channels) without their mean and trend. Missing samples (NaN) are bridged,
+    /// and the power is that of the samples that are not missing.
     pub fn new(residual: &[Vec<f64>]) -> Self {
         let length = plid_fourier::good_length_below(residual[0].len());
-        let bins = residual
-            .iter()
-            .map(|x| {
-                let mut x = x[..length].to_vec();
-                let scale = 1.0 / (detrend(&mut x).max(1) as f64).sqrt();
-                plid_fourier::forward(&x).into_iter().map(|z| z * scale).collect()
-            })
-            .collect();
-        Self { length, bins, freedom: length as f64 }
+        let mut freedom = 0.0;
+        let spectrum = |x: &Vec<f64>| -> Vec<C> {
+            let mut x = x[..length].to_vec();
+            let missing: Vec<usize> = (0..length).filter(|&k| x[k].is_nan()).collect();
+            detrend(&mut x);
+            bridge::by_own_spectrum(&mut x, &missing);
+            let there = (length - missing.len()) as f64;
+            freedom += there / residual.len() as f64;
+            let scale = 1.0 / there.max(1.0).sqrt();
+            plid_fourier::forward(&x).into_iter().map(|z| z * scale).collect()
+        };
+        let bins = residual.iter().map(spectrum).collect();
+        Self { length, bins, freedom }
     }
 
     /// Returns the spectra under Hann's window. Without the window, the leakage of a strong resonance would be
@@ -91,9 +96,8 @@ pub fn is_constant(stretches: &[Stretch], o: usize, variance: f64) -> bool {
     stretches.iter().all(|stretch| power(stretch) <= CONSTANT * variance * stretch.bins[o].len() as f64)
 }
 
-/// Removes mean and trend from the samples that are not missing and sets the missing ones to zero. Returns the number
-/// of samples that are not missing.
-fn detrend(x: &mut [f64]) -> usize {
+/// Removes mean and trend from the samples that are not missing and sets the missing ones to zero.
+fn detrend(x: &mut [f64]) {
     let there: Vec<usize> = (0..x.len()).filter(|&k| !x[k].is_nan()).collect();
     let n = there.len().max(1) as f64;
     let middle = there.iter().sum::<usize>() as f64 / n;
@@ -103,7 +107,6 @@ fn detrend(x: &mut [f64]) -> usize {
     for (k, x) in x.iter_mut().enumerate() {
         *x = if x.is_nan() { 0.0 } else { *x - (mean + slope * (k as f64 - middle)) };
     }
-    there.len()
 }
 
 /// A source of noise.
@@ -522,6 +525,29 @@ mod tests {
                 let [found, before] = [found, before].map(|rms| (rms / 1e-3).ln().abs());
                 assert!(found < 0.15 && found < 0.5 * before, "{hz}: {found} {before}");
             }
+        }
+    }
+
+    /// Missing samples of slow noise are not taken for white noise.
+    #[test]
+    fn missing_samples_are_no_white_noise() {
+        const SAMPLES: usize = 4096;
+        let plant = Plant::new(&truss_with(2, |_, _, _| {})).unwrap();
+        let declared = NoiseModel::declared(&plant, &[1e-3; 2], &[0.0; 2]);
+        let pole = (-TAU * 5.0 / RATE).exp();
+        let mut noise = random_input(1, SAMPLES, 2);
+        for (noise, fresh) in noise.iter_mut().zip(random_input(2, SAMPLES, 2)) {
+            let mut state = 0.0;
+            for (noise, fresh) in noise.iter_mut().zip(fresh) {
+                state = pole * state + (1.0 - pole * pole).sqrt() * fresh;
+                *noise = 1e-3 * *noise + 1e-2 * state;
+            }
+        }
+        let found = |noise: &[Vec<f64>]| declared.clone().fit_slow(&[Stretch::new(noise)]).sensors();
+        let whole = found(&noise);
+        noise.iter_mut().for_each(|noise| (5..SAMPLES).step_by(100).for_each(|k| noise[k] = f64::NAN));
+        for (with_gaps, whole) in found(&noise).iter().zip(&whole) {
+            assert!((with_gaps / whole - 1.0).abs() < 0.15, "{with_gaps} {whole}");
         }
     }
 }

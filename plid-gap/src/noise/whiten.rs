@@ -4,6 +4,7 @@
 //! compared between explanations.
 
 use std::ops::{Range, RangeInclusive};
+use std::sync::Arc;
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -11,6 +12,7 @@ use nalgebra::DMatrix;
 
 use crate::case::record::{Channels, Record};
 use crate::noise::NoiseModel;
+use crate::noise::bridge::Bridge;
 use crate::noise::expected::periodograms;
 use crate::signal::notch;
 use plid_fourier::C;
@@ -20,13 +22,15 @@ use plid_fourier::C;
 pub struct Whitener {
     /// Number of samples used. The last few are left out if the transform would otherwise be slow.
     pub length: usize,
-    /// Samples of each channel that are ignored, such as dropouts: p lists of indices.
+    /// Samples of each channel that are ignored, such as dropouts and missing samples: p lists of indices in order.
     pub masked: Vec<Vec<usize>>,
     p: usize,
     /// The bins that count.
     bins: RangeInclusive<usize>,
     /// Lower triangles of L^{-1} of each bin, row by row.
     factors: Vec<C>,
+    /// The bridges over ignored samples, if there are any.
+    bridge: Option<Arc<Bridge>>,
     /// The subspaces that are removed: their rows, and an orthonormal basis in these rows.
     taken_out: Vec<(Range<usize>, DMatrix<f64>)>,
 }
@@ -62,7 +66,9 @@ impl Whitener {
                 factors.extend((0..=i).map(|j| inverse[(i, j)]));
             }
         }
-        let mut whitener = Self { length, masked, p, bins, factors, taken_out: Vec::new() };
+        let masked = with_missing(&masked, record);
+        let mut whitener = Self { length, masked, p, bins, factors, bridge: None, taken_out: Vec::new() };
+        whitener.bridge = whitener.bridged();
         for &(_, hz) in &noise.lines {
             whitener.take_out(hz, rate);
         }
@@ -119,10 +125,74 @@ impl Whitener {
     }
 
     /// Writes the whitened bins of p channels to `to`, in order of rising frequency and with all channels of a bin
-    /// adjacent to each other.
+    /// adjacent to each other. Ignored samples have the values that the noise model leads one to expect.
     pub fn apply(&self, y: &[Vec<f64>], to: &mut [f64]) {
+        let mut used = self.used(y);
+        if let Some(bridge) = &self.bridge {
+            self.whiten(used.clone(), to);
+            subtract(&mut used, &bridge.values(&self.products(to)));
+        }
+        self.whiten(used, to);
+        for (rows, basis) in &self.taken_out {
+            take_out(basis, &mut to[rows.clone()]);
+        }
+    }
+
+    /// Returns the adjoint: the channels whose inner product with any outputs is that of `white` with the whitened
+    /// outputs. Only samples that are used are returned.
+    pub fn adjoint(&self, white: &[f64]) -> Channels {
+        let mut white = white.to_vec();
+        for (rows, basis) in self.taken_out.iter().rev() {
+            take_out(basis, &mut white[rows.clone()]);
+        }
+        let mut y = self.products(&white);
+        if let Some(bridge) = &self.bridge {
+            self.whiten(bridge.values(&y), &mut white);
+            subtract(&mut y, &self.products(&white));
+        }
+        for (channel, y) in y.iter_mut().enumerate() {
+            self.masked_samples(channel).for_each(|k| y[k] = 0.0);
+        }
+        y
+    }
+
+    /// Returns the number of values of an output that count in a sum of squares: its rows, less its share of ignored
+    /// samples.
+    pub fn values_of(&self, output: usize) -> f64 {
+        let ignored = self.masked_samples(output).count() as f64 / self.length as f64;
+        self.rows() as f64 / self.p as f64 * (1.0 - ignored)
+    }
+
+    /// Returns the number of values of all outputs that count in a sum of squares.
+    pub fn values(&self) -> f64 {
+        (0..self.p).map(|output| self.values_of(output)).sum()
+    }
+
+    /// Returns the output to which a row belongs. Whitening subtracts from it what the outputs before it predict.
+    pub fn output_of(&self, row: usize) -> usize {
+        let first = if *self.bins.start() == 0 { self.p } else { 0 };
+        let last = if 2 * self.bins.end() == self.length { self.rows() - self.p } else { self.rows() };
+        match row {
+            row if row < first => row,
+            row if row >= last => row - last,
+            row => (row - first) / 2 % self.p,
+        }
+    }
+
+    /// Returns the samples that are used, with zeros in the place of ignored ones.
+    fn used(&self, y: &[Vec<f64>]) -> Channels {
+        let one = |channel: usize| {
+            let mut y = y[channel][..self.length].to_vec();
+            self.masked_samples(channel).for_each(|k| y[k] = 0.0);
+            y
+        };
+        (0..self.p).map(one).collect()
+    }
+
+    /// Writes the whitened bins of channels all of whose samples are used.
+    fn whiten(&self, y: Channels, to: &mut [f64]) {
         let scale = 1.0 / (self.length as f64).sqrt();
-        let bins: Vec<Vec<C>> = (0..self.p).map(|o| self.bins(&y[o], o)).collect();
+        let bins: Vec<Vec<C>> = y.into_iter().map(|mut y| plid_fourier::forward_of(&mut y)).collect();
         let mut at = 0;
         let each = self.p * (self.p + 1) / 2;
         for (index, k) in self.bins.clone().enumerate() {
@@ -144,23 +214,15 @@ impl Whitener {
                 }
             }
         }
-        for (rows, basis) in &self.taken_out {
-            take_out(basis, &mut to[rows.clone()]);
-        }
     }
 
-    /// Returns the adjoint: the channels whose inner product with any outputs is that of `white` with the whitened
-    /// outputs. Only samples that are used are returned.
-    pub fn adjoint(&self, white: &[f64]) -> Channels {
-        let mut white = white.to_vec();
-        for (rows, basis) in self.taken_out.iter().rev() {
-            take_out(basis, &mut white[rows.clone()]);
-        }
+    /// Returns the inner products of whitened bins with the whitened unit impulses at all samples.
+    fn products(&self, white: &[f64]) -> Channels {
         // The inverse transform counts each bin between the edges twice, and divides by the length.
         let scale = (self.length as f64).sqrt();
         let each = self.p * (self.p + 1) / 2;
         let mut bins = vec![vec![C::ZERO; self.length / 2 + 1]; self.p];
-        let mut rest = white.as_slice();
+        let mut rest = white;
         for (factors, k) in self.factors.chunks_exact(each).zip(self.bins.clone()) {
             let edge = k == 0 || 2 * k == self.length;
             let weight = if edge { scale } else { scale * std::f64::consts::FRAC_1_SQRT_2 };
@@ -174,22 +236,45 @@ impl Whitener {
                 }
             }
         }
-        let back = |(channel, bins): (usize, Vec<C>)| {
-            let mut y = plid_fourier::backward(&bins, self.length);
-            self.masked_samples(channel).for_each(|k| y[k] = 0.0);
-            y
-        };
-        bins.into_iter().enumerate().map(back).collect()
+        bins.into_iter().map(|bins| plid_fourier::backward(&bins, self.length)).collect()
     }
 
-    fn bins(&self, y: &[f64], channel: usize) -> Vec<C> {
-        let mut y = y[..self.length].to_vec();
-        self.masked_samples(channel).for_each(|k| y[k] = 0.0);
-        plid_fourier::forward_of(&mut y)
+    /// Returns the bridges over the ignored samples; `None` if there are none.
+    fn bridged(&self) -> Option<Arc<Bridge>> {
+        let ignored: Vec<Vec<usize>> = (0..self.p).map(|channel| self.masked_samples(channel).collect()).collect();
+        if ignored.iter().all(Vec::is_empty) {
+            return None;
+        }
+        let kernel = |channel: usize| {
+            let mut impulse = vec![vec![0.0; self.length]; self.p];
+            impulse[channel][0] = 1.0;
+            let mut white = vec![0.0; self.rows()];
+            self.whiten(impulse, &mut white);
+            self.products(&white)
+        };
+        let kernels: Vec<Channels> = (0..self.p).map(kernel).collect();
+        Some(Arc::new(Bridge::new(&ignored, &kernels)))
     }
 
     fn masked_samples(&self, channel: usize) -> impl Iterator<Item = usize> {
         self.masked[channel].iter().copied().filter(|&k| k < self.length)
+    }
+}
+
+/// Returns the samples of each channel that are ignored, in order: these and those that the record lacks.
+fn with_missing(masked: &[Vec<usize>], record: &Record) -> Vec<Vec<usize>> {
+    let of_channel = |(masked, y): (&Vec<usize>, &Vec<f64>)| -> Vec<usize> {
+        let mut ignored: Vec<bool> = y.iter().map(|y| !y.is_finite()).collect();
+        masked.iter().filter(|&&k| k < y.len()).for_each(|&k| ignored[k] = true);
+        (0..y.len()).filter(|&k| ignored[k]).collect()
+    };
+    masked.iter().zip(&record.y).map(of_channel).collect()
+}
+
+/// Subtracts channels from others.
+fn subtract(from: &mut [Vec<f64>], what: &[Vec<f64>]) {
+    for (from, what) in from.iter_mut().zip(what) {
+        from.iter_mut().zip(what).for_each(|(from, what)| *from -= what);
     }
 }
 
@@ -217,7 +302,7 @@ mod tests {
     use super::*;
     use crate::case::record::Excitation;
     use crate::effects::Action;
-    use crate::noise::{Band, Source, Stretch};
+    use crate::noise::{Band, Slow, Source, Stretch};
     use crate::plant::Plant;
     use crate::simulate::{Fineness, simulate};
     use crate::testing::{RATE, random_input, truss};
@@ -302,6 +387,61 @@ mod tests {
             let adjoint = whitener.adjoint(&other);
             let same: f64 = adjoint.iter().zip(&y).flat_map(|(a, y)| a.iter().zip(y)).map(|(a, b)| a * b).sum();
             assert!((same - product).abs() < 1e-9 * product.abs().max(1.0), "{same} {product}");
+        }
+    }
+
+    /// Missing samples of slow noise do not add power at other frequencies, and do not count.
+    #[test]
+    fn missing_samples_do_not_leak() {
+        const SAMPLES: usize = 4000;
+        const CORNER: f64 = 4.0;
+        let plant = Plant::new(&truss(2)).unwrap();
+        let pole = (-std::f64::consts::TAU * CORNER / RATE).exp();
+        let mut noise = NoiseModel::declared(&plant, &vec![1.0; plant.p], &vec![0.0; plant.m]);
+        for output in 0..plant.p {
+            noise.sources.push((Source::Slow(Slow { output, hz: CORNER }), 100.0 * (1.0 + pole) / (1.0 - pole)));
+        }
+        let mut y = random_input(81, SAMPLES, plant.p);
+        for (y, fresh) in y.iter_mut().zip(random_input(82, SAMPLES, plant.p)) {
+            let mut state = 0.0;
+            for (y, fresh) in y.iter_mut().zip(fresh) {
+                state = pole * state + (1.0 - pole * pole).sqrt() * fresh;
+                *y += 10.0 * state;
+            }
+        }
+        let power = |y: &Channels| {
+            let record = crate::testing::record(vec![vec![0.0; SAMPLES]; plant.m], y.clone());
+            let whitener = Whitener::new(&record, &noise, RATE, vec![Vec::new(); plant.p]);
+            let mut white = vec![0.0; whitener.rows()];
+            whitener.apply(&record.error(&vec![vec![0.0; SAMPLES]; plant.p]), &mut white);
+            (white.iter().map(|x| x * x).sum::<f64>(), whitener.values())
+        };
+        let (whole, rows) = power(&y);
+        for y in &mut y {
+            (7..SAMPLES).step_by(97).for_each(|k| y[k] = f64::NAN);
+            y[2000..2100].fill(f64::NAN);
+        }
+        let missing = y.iter().flatten().filter(|y| y.is_nan()).count() as f64;
+        let (left, values) = power(&y);
+        assert!((rows - values - missing).abs() < 1e-6, "{rows} {values} {missing}");
+        let ratio = left / values / (whole / rows);
+        assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
+    }
+
+    /// With independent outputs, the rows of an output are those that it alone reaches.
+    #[test]
+    fn rows_belong_to_outputs() {
+        let plant = Plant::new(&truss(2)).unwrap();
+        for (samples, band_hz) in [(400, None), (405, None), (400, Some([20.0, 0.4 * RATE]))] {
+            let mut y = random_input(5, samples, plant.p);
+            let record = crate::testing::record(vec![vec![0.0; samples]; plant.m], y.clone());
+            let mut noise = NoiseModel::declared(&plant, &vec![1.0; plant.p], &vec![0.0; plant.m]);
+            noise.band_hz = band_hz;
+            let whitener = Whitener::new(&record, &noise, RATE, vec![Vec::new(); plant.p]);
+            y[0].fill(0.0);
+            let mut white = vec![0.0; whitener.rows()];
+            whitener.apply(&y, &mut white);
+            assert!((0..white.len()).all(|row| (white[row] != 0.0) == (whitener.output_of(row) == 1)));
         }
     }
 

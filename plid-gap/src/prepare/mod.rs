@@ -232,58 +232,34 @@ impl Prepared {
         self.best_linear.as_ref().unwrap_or(&self.problem.plant)
     }
 
-    /// Returns the sum of squares of the whitened differences between the periods of driven records after subtraction
-    /// of these simulations, and its degrees of freedom.
-    fn between_periods(&self, simulated: &[Channels]) -> (f64, f64) {
-        let problem = &self.problem;
-        let (mut power, mut freedom) = (0.0, 0.0);
-        for ((record, y), whitener) in problem.records.iter().zip(simulated).zip(&problem.whiteners) {
-            let Excitation::Periodic(period) = record.excitation else { continue };
-            let mut error = record.error_where_measured(y);
-            for (error, masked) in error.iter_mut().zip(&whitener.masked) {
-                masked.iter().for_each(|&k| error[k] = f64::NAN);
-                fill_from_other_periods(error, period);
-            }
-            let periods: Vec<Channels> = (1..record.samples() / period)
-                .map(|j| error.iter().map(|e| e[j * period..(j + 1) * period].to_vec()).collect())
-                .collect();
-            if periods.len() < 2 {
-                continue;
-            }
-            let head = Record { u: Vec::new(), y: periods[0].clone(), simulated: None, ..record.clone() };
-            let white = Whitener::new(&head, &self.noise, problem.plant.rate, vec![Vec::new(); problem.plant.p]);
-            let whitened: Vec<Vec<f64>> = periods
-                .iter()
-                .map(|period| {
-                    let mut to = vec![0.0; white.rows()];
-                    white.apply(period, &mut to);
-                    to
-                })
-                .collect();
-            let count = whitened.len() as f64;
-            for row in 0..white.rows() {
-                let mean = whitened.iter().map(|w| w[row]).sum::<f64>() / count;
-                power += whitened.iter().map(|w| (w[row] - mean).powi(2)).sum::<f64>();
-            }
-            freedom += (count - 1.0) * white.rows() as f64;
-        }
-        (power, freedom)
-    }
-
     /// Estimates the noise level from quiet records and from the differences between periods, after subtraction of
     /// the best explanation. The error of a wrong explanation repeats with the period and does not enter. `left` is
     /// the mean squared whitened residual of the best explanation. If no record shows the noise level, the level is
-    /// at most `left`. The uncertainty follows from the number of independent values.
+    /// at most `left`. The uncertainty follows from the number of independent values. One level holds for all outputs,
+    /// so the least known output decides how certain it is.
     pub fn noise_level(&self, simulated: &[Channels], left: f64) -> NoiseLevel {
-        let problem = &self.problem;
-        let settings = &problem.settings.prepare;
-        let p = problem.plant.p as f64;
-        let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.freedom).sum();
-        let (mut power, mut freedom) = self.between_periods(simulated);
         // The rounding error of a coarse converter repeats with the period, so it does not appear as noise there.
-        if self.quantisation.iter().any(|output| output.coarse || output.hidden.is_some()) {
-            return NoiseLevel { factor: 1.0, uncertainty: settings.rounded_uncertainty, seen: true, driven: None };
+        let shows: Vec<bool> =
+            self.quantisation.iter().map(|output| !output.coarse && output.hidden.is_none()).collect();
+        let uncertainty = self.problem.settings.prepare.rounded_uncertainty;
+        if !shows.contains(&true) {
+            return NoiseLevel { factor: 1.0, uncertainty, seen: true, driven: None };
         }
+        let others = self.level_of(&shows, simulated, left);
+        if !shows.contains(&false) {
+            return others;
+        }
+        let rounded = shows.iter().filter(|shows| !**shows).count() as f64 / shows.len() as f64;
+        let factor = if others.seen { rounded + (1.0 - rounded) * others.factor } else { others.factor };
+        NoiseLevel { factor, uncertainty: others.uncertainty.max(uncertainty), ..others }
+    }
+
+    /// Returns the noise level of the outputs whose noise the records may show.
+    fn level_of(&self, shows: &[bool], simulated: &[Channels], left: f64) -> NoiseLevel {
+        let settings = &self.problem.settings.prepare;
+        let p = shows.iter().filter(|shows| **shows).count() as f64;
+        let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.freedom).sum();
+        let (mut power, mut freedom) = self.between_periods(simulated, shows);
         // The square of a whitened value has variance two.
         let uncertainty = |freedom: f64| settings.level_allowance * (2.0 / freedom).sqrt();
         let ratio = power / freedom;
@@ -307,6 +283,46 @@ impl Prepared {
         // The growth of a model's own error with the level is an assumption.
         let uncertainty = if self.noise.model_error.is_some() { settings.declared_uncertainty } else { uncertainty };
         NoiseLevel { factor: power / freedom, uncertainty, seen: true, driven }
+    }
+
+    /// Returns the sum of squares of the whitened differences between the periods of driven records after subtraction
+    /// of these simulations, and its degrees of freedom. Only the outputs that `shows` marks count. A sample that is
+    /// missing in one period is left out of all of them.
+    fn between_periods(&self, simulated: &[Channels], shows: &[bool]) -> (f64, f64) {
+        let problem = &self.problem;
+        let (mut power, mut freedom) = (0.0, 0.0);
+        for ((record, y), whitener) in problem.records.iter().zip(simulated).zip(&problem.whiteners) {
+            let Excitation::Periodic(period) = record.excitation else { continue };
+            let error = record.error(y);
+            let periods: Vec<Channels> = (1..record.samples() / period)
+                .map(|j| error.iter().map(|e| e[j * period..(j + 1) * period].to_vec()).collect())
+                .collect();
+            if periods.len() < 2 {
+                continue;
+            }
+            let used = period..period * (periods.len() + 1);
+            let left_out =
+                |masked: &Vec<usize>| masked.iter().filter(|k| used.contains(*k)).map(|k| k % period).collect();
+            let masked: Vec<Vec<usize>> = whitener.masked.iter().map(left_out).collect();
+            let head = Record { u: Vec::new(), y: periods[0].clone(), simulated: None, ..record.clone() };
+            let white = Whitener::new(&head, &self.noise, problem.plant.rate, masked);
+            let whitened: Vec<Vec<f64>> = periods
+                .iter()
+                .map(|period| {
+                    let mut to = vec![0.0; white.rows()];
+                    white.apply(period, &mut to);
+                    to
+                })
+                .collect();
+            let count = whitened.len() as f64;
+            for row in (0..white.rows()).filter(|&row| shows[white.output_of(row)]) {
+                let mean = whitened.iter().map(|w| w[row]).sum::<f64>() / count;
+                power += whitened.iter().map(|w| (w[row] - mean).powi(2)).sum::<f64>();
+            }
+            let values = (0..shows.len()).filter(|&o| shows[o]).map(|o| white.values_of(o)).sum::<f64>();
+            freedom += (count - 1.0) * values;
+        }
+        (power, freedom)
     }
 
     /// Looks again for missing modes, in the residual of a refit. While the simulation's own frequencies are off,
@@ -604,20 +620,6 @@ fn is_silent(record: &Record, shortest: usize) -> bool {
     record.excitation == Excitation::Zero && record.samples() >= shortest
 }
 
-/// Replaces a missing sample (NaN) by the mean of the other periods except the first; by zero if it is missing in all
-/// of them.
-fn fill_from_other_periods(error: &mut [f64], period: usize) {
-    for k in 0..error.len() {
-        if !error[k].is_nan() {
-            continue;
-        }
-        let others = (1..).map(|j| k % period + j * period).take_while(|&at| at < error.len());
-        let (sum, count) =
-            others.filter(|&at| !error[at].is_nan()).fold((0.0, 0.0), |(s, n), at| (s + error[at], n + 1.0));
-        error[k] = if count > 0.0 { sum / count } else { 0.0 };
-    }
-}
-
 /// Returns the differences between periods. The first two periods are left out, because they contain the transient.
 fn differences(record: &Record, shortest: usize) -> Vec<Stretch> {
     let Excitation::Periodic(period) = record.excitation else { return Vec::new() };
@@ -870,6 +872,35 @@ pub(crate) mod tests {
         let setting = &ready.problem.setting;
         for sizes in [&setting.u_rms, &setting.d_rms, &setting.v_rms, &setting.force] {
             assert!(sizes.iter().all(|size| *size > 0.0), "{sizes:?}");
+        }
+    }
+
+    /// The steps of a coarse converter at one output say nothing about the noise of another output.
+    #[test]
+    fn a_coarse_converter_does_not_show_the_noise_of_other_outputs() {
+        let sim = testing::truss(1);
+        let settings = PrepareSettings::default();
+        for (coarse, quiet, seen) in
+            [([true, false], false, false), ([true, false], true, true), ([true, true], false, true)]
+        {
+            let mut case = testing::case(&sim, &sim);
+            let std = case.model.as_ref().unwrap().noise.sensor_std.clone().unwrap();
+            if !quiet {
+                case.records.remove(0);
+            }
+            for record in &mut case.records {
+                for ((y, std), _) in record.y.iter_mut().zip(&std).zip(coarse).filter(|(_, coarse)| *coarse) {
+                    let step = 10.0 * std;
+                    y.iter_mut().for_each(|y| *y = (*y / step).round() * step);
+                }
+            }
+            let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+            assert_eq!(ready.quantisation.iter().map(|output| output.coarse).collect::<Vec<_>>(), coarse);
+            let run = |record: &Record| simulate(&ready.problem.plant, &[], &record.u, 0.0, None, Fineness::COARSE);
+            let simulated: Vec<Channels> = ready.problem.records.iter().map(run).collect();
+            let level = ready.noise_level(&simulated, 1.0);
+            let expected = if seen { settings.rounded_uncertainty } else { settings.declared_uncertainty };
+            assert_eq!((level.seen, level.uncertainty), (seen, expected), "{coarse:?} {quiet}: {level:?}");
         }
     }
 

@@ -72,7 +72,7 @@ pub fn fits<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &
 /// determine.
 pub fn from_given<'a>(problem: &Problem, model: &Fit<'a>, informed: &Jacobian, scope: &Scope<'_, 'a>) -> Vec<Fit<'a>> {
     let Some(within) = clipped(problem, &model.eta).filter(|_| !problem.few()) else { return Vec::new() };
-    let (settings, rows, effects) = (&scope.settings, problem.rows() as f64, &model.effects);
+    let (settings, rows, effects) = (&scope.settings, problem.values(), &model.effects);
     let excess = |residual: &[f64]| sum_of_squares(residual) - rows;
     let plant = problem.nuisance.apply(&problem.plant, &within);
     let most = settings.absorbed_left.powi(2) * excess(&problem.residual(&plant, &within, effects, Fineness::COARSE));

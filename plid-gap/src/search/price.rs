@@ -17,7 +17,7 @@ pub(super) struct Price<'p, 'a> {
 impl<'p, 'a> Price<'p, 'a> {
     pub fn new(problem: &Problem, scope: &'p Scope<'p, 'a>) -> Self {
         let release = scope.settings.release_price - fewer(problem, scope);
-        Self { rows: problem.rows() as f64, release, has_numbers: problem.has_numbers(), scope }
+        Self { rows: problem.values(), release, has_numbers: problem.has_numbers(), scope }
     }
 
     pub fn of(&self, fit: &Fit) -> f64 {
@@ -59,7 +59,7 @@ pub(super) fn straightens(problem: &Problem, scope: &Scope, before: &Fit, after:
 
 /// Returns whether a further effect explains enough of the residual, or of the changes of the linear parameters.
 pub(super) fn material(problem: &Problem, scope: &Scope, before: &Fit, after: &Fit) -> bool {
-    let (search, rows) = (&problem.settings.search, problem.rows() as f64);
+    let (search, rows) = (&problem.settings.search, problem.values());
     let left = |fit: &Fit| sum_of_squares(&fit.residual);
     let explained = left(before) - left(after);
     // If the residual is smaller than the assumed noise, the records do not show how much of the residual is noise.

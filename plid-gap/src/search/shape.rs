@@ -27,7 +27,7 @@ pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(
     }
     let jacobian = quick.jacobian(&quick.nuisance.apply(&quick.plant, &best.eta));
     let own = quick.fit(&jacobian, &best.eta, &best.effects, QUICK);
-    let slack = |problem: &Problem| problem.settings.search.material_power * problem.rows() as f64;
+    let slack = |problem: &Problem| problem.settings.search.material_power * problem.values();
     let fits = subsets(&best.effects).into_iter().filter_map(|effects| {
         let alone = quick.fit(&jacobian, &best.eta, &effects, QUICK);
         let free = freed(quick, &jacobian, &alone)?;
@@ -90,7 +90,7 @@ pub fn renamed<'a>(
     let whole = problem.jacobian(&problem.nuisance.apply(&problem.plant, &best.eta));
     let alone = problem.fit(&whole, &alone.eta, &alone.effects, WHOLE);
     let free = on_whole(problem, free);
-    (free.fit.cost < present.fit.cost + problem.settings.search.material_power * problem.rows() as f64)
+    (free.fit.cost < present.fit.cost + problem.settings.search.material_power * problem.values())
         .then_some((alone, free))
 }
 

@@ -165,3 +165,29 @@ fn what_parts_of_a_record_do_not_predict_is_not_named() {
     assert!(outcome.simulation.effects.iter().all(|effect| effect.effect != "actuator-hysteresis"));
     assert!((gap.predicted_held_out_gap / gap.as_given - 1.0).abs() < 0.1, "{gap:?}");
 }
+
+/// The command saturates. This changes much of the motion, but less than a hundredth or so of the outputs, which are
+/// nearly constant. The constant does not hide the cause.
+#[test]
+fn a_level_does_not_hide_what_the_motion_lacks() {
+    let plant = oven(&[40.0, 12.0]);
+    let mut case = case(&plant);
+    let std = case.model.as_ref().unwrap().noise.sensor_std.clone().unwrap();
+    case.model = None;
+    case.config.states = Some(2);
+    case.records.remove(0);
+    for (seed, record) in (70..).zip(&mut case.records) {
+        let sent = vec![record.u[0].iter().map(|u| u.clamp(-0.7, 0.7)).collect()];
+        record.y = run(&plant, &sent);
+        add_noise(&mut record.y, seed, &std);
+    }
+    let level = 60.0 * rms(&case.records[0].y[0]);
+    for record in &mut case.records {
+        record.from_rest = false;
+        record.y[0].iter_mut().for_each(|y| *y += level);
+    }
+    only(&mut case, &["actuator-saturation"]);
+    let found = diagnosed(&case);
+    assert!(found.gap.as_given < 0.02, "{}", found.gap.as_given);
+    assert_ne!(found.verdict, Verdict::None, "{}", found.sentence);
+}

@@ -72,7 +72,7 @@ fn named(problem: &Problem, beyond: &Beyond) -> Option<Named> {
 /// The cost of holding parameters at their limits follows from the covariance, and the noise from the residual of the
 /// refit.
 fn explanations(problem: &Problem, beyond: &[Beyond], covariance: &DMatrix<f64>, cost: f64) -> Vec<Candidate> {
-    let rows = problem.rows() as f64;
+    let rows = problem.values();
     let bic = |free: &dyn Fn(usize) -> bool| {
         let held: Vec<&Beyond> = (0..beyond.len()).filter(|k| !free(*k)).map(|k| &beyond[k]).collect();
         let by = DVector::from_iterator(held.len(), held.iter().map(|held| held.by));
