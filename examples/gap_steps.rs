@@ -71,7 +71,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
 
     // Search, and "is it enough?": fits of up to three effects, and whether they are sufficient.
     let rules = Rules { suspects: &[], exclude: &[], without: &[] };
-    let found = explain(ready, refitted, &library, &rules, &OnceCell::new(), &mut silent);
+    let found = explain(ready, refitted, &library, &rules, &[], &OnceCell::new(), &mut silent);
     let best = &found.found.best;
     for placed in &best.effects {
         let sizes: Vec<String> = placed.parameters.iter().map(|size| format!("{size:.4e}")).collect();

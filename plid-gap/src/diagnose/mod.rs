@@ -9,7 +9,7 @@ mod wiring;
 use std::cell::OnceCell;
 
 use crate::answer::motion;
-use crate::answer::schema::{Diagnosis, NamedEffect, SimulationWithEffects};
+use crate::answer::schema::{Diagnosis, Explanation, NamedEffect, SimulationWithEffects};
 use crate::audit::{Audit, Law, audit};
 use crate::case::Case;
 use crate::diagnose::explain::explain;
@@ -68,6 +68,8 @@ pub struct Groundwork<'a> {
     first: OnceCell<SearchStage<'a>>,
     /// The law with whose force the model was identified, if there is one.
     law: Option<Law>,
+    /// Effects of the library that were not part of the answer that found this law.
+    left_out: Vec<String>,
 }
 
 impl<'a> Groundwork<'a> {
@@ -81,7 +83,7 @@ impl<'a> Groundwork<'a> {
             refitted = refit(&ready.problem, refit::STEPS);
         }
         ready.renew_missing(&refitted.eta);
-        Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new(), law: None })
+        Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new(), law: None, left_out: Vec::new() })
     }
 
     /// Returns the answer with the whole library, and the groundwork, which can be used again if effects are left out.
@@ -131,9 +133,14 @@ const MOST_MODELS: usize = 3;
 /// Ratio of the gap to that of the noise alone up to which no better model of the records is needed.
 const NEAR_NOISE: f64 = 1.1;
 
+/// Probability of explanations without a law beside those with it, up to which the law has no rival.
+const NO_RIVAL: f64 = 0.05;
+
 /// Completes a diagnosis with the steps that depend on the effects of the library. If the simulation is a model of the
 /// records themselves, it is identified again with the forces of the laws that were found, and the diagnosis is
-/// repeated with it. The repeated answer replaces the first one if it confirms the law and leaves a smaller gap.
+/// repeated with it. The repeated answer replaces the first one if it confirms the law and leaves a smaller gap. If the
+/// law has no rival, the repeated diagnosis considers only the effects of the first one: the better model shows how
+/// much of the gap they leave, and what it lacks itself may resemble other effects.
 fn answer(
     ground: &Groundwork,
     audit: &Audit,
@@ -148,7 +155,9 @@ fn answer(
         let Ok(Some(audit)) = audit.with_law(ground.case, ground.library, without, &found) else { break };
         say(format!("repeated with a model that was identified with the force of {} as a further input", found.name));
         let Ok(again) = Groundwork::new(ground.case, ground.library, audit, say) else { break };
-        let again = Groundwork { law: Some(found), ..again };
+        let Diagnosis { candidates, effects, .. } = &outcome.diagnosis;
+        let left_out = left_out(candidates, effects, &found, ground.library);
+        let again = Groundwork { law: Some(found), left_out, ..again };
         let Ok((other, next)) = finish(&again, &again.audit, without, say) else { break };
         if !confirms(&other.diagnosis, &outcome.diagnosis, again.law.as_ref()) {
             break;
@@ -156,6 +165,22 @@ fn answer(
         (outcome, law) = (other, next);
     }
     Ok(outcome)
+}
+
+/// Returns the names of the effects that are neither in a law nor `named` in the answer that found it; none if the law
+/// has a rival among the explanations. Stochastic effects, which are not searched for, are never left out.
+fn left_out(explanations: &[Explanation], named: &[NamedEffect], law: &Law, library: &Library) -> Vec<String> {
+    let in_law = |effect: &str| law.effects.iter().any(|(law, ..)| law == effect);
+    let is_rival = |explanation: &&Explanation| {
+        !explanation.effects.is_empty() && !explanation.effects.iter().any(|located| in_law(&located.effect))
+    };
+    let rivals: f64 = explanations.iter().filter(is_rival).map(|explanation| explanation.probability).sum();
+    if rivals > NO_RIVAL {
+        return Vec::new();
+    }
+    let known = |effect: &str| in_law(effect) || named.iter().any(|named| named.effect == effect);
+    let others = library.effects().filter(|effect| !effect.is_stochastic() && !known(effect.name()));
+    others.map(|effect| effect.name().into()).collect()
 }
 
 /// Returns whether an answer with a model that was identified with a law confirms this law and leaves a smaller gap.
@@ -169,7 +194,7 @@ fn confirms(other: &Diagnosis, before: &Diagnosis, law: Option<&Law>) -> bool {
     let known = |named: &NamedEffect| {
         is_of(named) || before.effects.iter().any(|e| (&e.effect, &e.location) == (&named.effect, &named.location))
     };
-    other.effects.first().is_some_and(|first| is_of(first))
+    other.effects.first().is_some_and(is_of)
         && other.effects.iter().all(known)
         && other.gap.with_effect < before.gap.with_effect.min(other.gap.as_given)
 }
@@ -182,7 +207,9 @@ fn finish(
     say: &mut dyn FnMut(String),
 ) -> Result<(Outcome, Option<Law>), GapError> {
     let config = &audit.case.config;
-    let rules = Rules { suspects: &config.suspects, exclude: &config.exclude, without };
+    let all = Rules { suspects: &config.suspects, exclude: &config.exclude, without };
+    let unused = [without, &ground.left_out].concat();
+    let rules = Rules { without: &unused, ..all };
     let (ready, refitted) = (ground.ready.clone(), ground.refitted.clone());
     let placed = |known| law::placed(known, ground.library, &ready.problem.setting);
     let known = ground.law.as_ref().map_or_else(Vec::new, placed);
@@ -199,10 +226,38 @@ fn finish(
     stochastic.retain(|stochastic| rules.knows(stochastic.placed.effect));
     let explained = explained.leave_to_noise(&stochastic, &rules, config.material);
     let finding = Finding::new(audit, &explained, &stochastic, &rules, say);
-    let motion = motion::in_words(&explained.ready.problem.setting, ground.library, &rules);
+    let motion = motion::in_words(&explained.ready.problem.setting, ground.library, &all);
     let diagnosis = finding.diagnosis(motion, say);
     let given = ground.case.model.as_ref().or(audit.surrogate_model());
     let simulation = finding.simulation((model(audit)?, given.map_or_else(|| model(audit), Ok)?));
     let law = if audit.is_of_records(ground.case) { law(&explained) } else { None };
     Ok((Outcome { diagnosis, simulation, shown: finding.shown() }, law))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::answer::schema::Located;
+
+    /// If a law has no rival, the repeated diagnosis knows only its effects and those of noise.
+    #[test]
+    fn a_rival_keeps_all_effects() {
+        let library = Library::standard();
+        let law =
+            Law { name: String::new(), effects: vec![("cubic-stiffness".into(), "a".into(), vec![])], forces: vec![] };
+        let with = |effect: &str, probability: f64| {
+            let effects = vec![Located { effect: effect.into(), location: "a".into() }];
+            Explanation { effects, unknown: false, probability, gap_after: None, wiring: None }
+        };
+        let left = |rival: f64| {
+            let explanations = [with("cubic-stiffness", 0.9), with("clearance", rival)];
+            left_out(&explanations, &[], &law, &library)
+        };
+        assert!(left(0.06).is_empty());
+        let known: Vec<&str> = (library.effects().map(|effect| effect.name()))
+            .filter(|name| !left(0.04).iter().any(|left| left == name))
+            .collect();
+        assert!(known.contains(&"cubic-stiffness") && known.contains(&"sensor-noise"), "{known:?}");
+        assert!(library.effects().filter(|effect| known.contains(&effect.name())).count() < 10);
+    }
 }
