@@ -3,7 +3,7 @@
 
 use crate::case::CaseConfig;
 use crate::case::levels::loudest;
-use crate::case::record::{Channels, Record};
+use crate::case::record::{Channels, Record, rms};
 use crate::effects::Action;
 use crate::fit::free_run::run;
 use crate::fit::refit::clipped;
@@ -24,6 +24,9 @@ use crate::search::rules::Rules;
 use crate::search::stochastic::Stochastic;
 use crate::settings::JudgeSettings;
 use crate::settings::step::Step;
+
+/// RMS of an output about its mean, relative to its RMS, below which the output stands still.
+const STANDS: f64 = 1e-9;
 
 /// A judged explanation.
 pub struct Judgement<'j, 'a> {
@@ -233,12 +236,26 @@ fn kin_is_more_probable(weighted: &[Weighted], probability: f64) -> bool {
 /// valve works, may be much larger than its motion. The noise counts with twice the uncertainty of its level.
 fn gap_of_motion(explained: &Explained, plant: &Plant) -> f64 {
     let opened = opened(explained);
-    let measured: Vec<Channels> = opened.iter().map(|record| gap::motion(&record.y, &record.y)).collect();
+    let size = |channels: &dyn Fn(&Record) -> Vec<f64>| {
+        rms(opened.iter().flat_map(|record| channels(record)).filter(|y| y.is_finite()))
+    };
+    // An output that stands still has no motion beside which an error could be small.
+    let moves = |o: &usize| {
+        let moving = size(&|record| gap::motion(&record.y[*o..=*o], &record.y[*o..=*o]).concat());
+        moving > STANDS * size(&|record| record.y[*o].clone())
+    };
+    let moving: Vec<usize> = (0..plant.p).filter(moves).collect();
+    let of = |channels: &[Vec<f64>]| -> Channels { moving.iter().map(|&o| channels[o].clone()).collect() };
+    let noise: Vec<f64> = moving.iter().map(|&o| explained.noise_rms()[o]).collect();
+    let measured: Vec<Channels> = opened.iter().map(|record| of(&gap::motion(&record.y, &record.y))).collect();
     let of_record =
-        |(record, y): (&&Record, &Channels)| Blocks::new(y, &gap::motion(&run(plant, &[], record), &record.y), 0);
+        |(record, y): (&&Record, &Channels)| Blocks::new(y, &of(&gap::motion(&run(plant, &[], record), &record.y)), 0);
+    if moving.is_empty() {
+        return 0.0;
+    }
     let blocks = Blocks::joined(opened.iter().zip(&measured).map(of_record).collect());
-    let moves: Vec<&[Vec<f64>]> = measured.iter().map(Vec::as_slice).collect();
-    let floor = gap::floor_over(&explained.noise_rms(), &moves).powi(2) * (1.0 + 2.0 * explained.level.uncertainty);
+    let channels: Vec<&[Vec<f64>]> = measured.iter().map(Vec::as_slice).collect();
+    let floor = gap::floor_over(&noise, &channels).powi(2) * (1.0 + 2.0 * explained.level.uncertainty);
     blocks.map_or(0.0, |blocks| (blocks.gap().powi(2) - floor).max(0.0).sqrt())
 }
 

@@ -1,8 +1,9 @@
 //! Bridges over missing samples: the values that a spectrum leads one to expect there, given all other samples.
 //!
 //! With zeros in the place of missing samples, the power of slow or ringing noise spreads to frequencies at which the
-//! noise is weak. The expected values minimise the whitened sum of squares. This is as if each missing sample were a
-//! free parameter, so the sum has as many degrees of freedom as there are samples that are not missing.
+//! noise is weak. The expected values minimise the whitened sum of squares over all frequencies. This is as if each
+//! missing sample were a free parameter, so the sum has as many degrees of freedom as there are samples that are not
+//! missing.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use plid_model::signal::mean;

@@ -39,6 +39,13 @@ pub struct Whitener {
 /// line in the record is less than the noise of a twelve-bit converter.
 const MODULATION_HZ: f64 = 25.0;
 
+/// Largest factor by which bridges may scale what they are to remove. If the inverse of the density has a narrow peak,
+/// distant missing samples depend on each other, and bridges that are independent of each other remove it twice.
+const MOST_COUPLED: f64 = 1.5;
+
+/// Number of steps of the power iteration for this factor.
+const COUPLING_STEPS: usize = 6;
+
 impl Whitener {
     /// Creates the whitening of a record under a noise model.
     pub fn new(record: &Record, noise: &NoiseModel, rate: f64, masked: Vec<Vec<usize>>) -> Self {
@@ -68,7 +75,8 @@ impl Whitener {
         }
         let masked = with_missing(&masked, record);
         let mut whitener = Self { length, masked, p, bins, factors, bridge: None, taken_out: Vec::new() };
-        whitener.bridge = whitener.bridged();
+        // Outside a band, nothing determines the values of missing samples, so they stay zero.
+        whitener.bridge = if noise.band_hz.is_some() { None } else { whitener.bridged() };
         for &(_, hz) in &noise.lines {
             whitener.take_out(hz, rate);
         }
@@ -239,7 +247,8 @@ impl Whitener {
         bins.into_iter().map(|bins| plid_fourier::backward(&bins, self.length)).collect()
     }
 
-    /// Returns the bridges over the ignored samples; `None` if there are none.
+    /// Returns the bridges over the ignored samples; `None` if there are none, or if distant ones depend too much on
+    /// each other to be bridged independently.
     fn bridged(&self) -> Option<Arc<Bridge>> {
         let ignored: Vec<Vec<usize>> = (0..self.p).map(|channel| self.masked_samples(channel).collect()).collect();
         if ignored.iter().all(Vec::is_empty) {
@@ -253,7 +262,28 @@ impl Whitener {
             self.products(&white)
         };
         let kernels: Vec<Channels> = (0..self.p).map(kernel).collect();
-        Some(Arc::new(Bridge::new(&ignored, &kernels)))
+        let bridge = Bridge::new(&ignored, &kernels);
+        (self.largest_factor(&bridge) < MOST_COUPLED).then(|| Arc::new(bridge))
+    }
+
+    /// Returns the largest factor by which bridges scale what they are to remove, by power iteration. It is one if
+    /// they are exact.
+    fn largest_factor(&self, bridge: &Bridge) -> f64 {
+        let scattered = |k: usize| (k as f64 * k as f64).sin();
+        let start = vec![(0..self.length).map(scattered).collect::<Vec<f64>>(); self.p];
+        let mut white = vec![0.0; self.rows()];
+        let size = |x: &Channels| x.iter().flatten().map(|x| x * x).sum::<f64>().sqrt();
+        let (mut values, mut factor) = (bridge.values(&start), 0.0);
+        for _ in 0..COUPLING_STEPS {
+            let before = size(&values);
+            if before == 0.0 {
+                break;
+            }
+            self.whiten(values, &mut white);
+            values = bridge.values(&self.products(&white));
+            factor = size(&values) / before;
+        }
+        factor
     }
 
     fn masked_samples(&self, channel: usize) -> impl Iterator<Item = usize> {
@@ -426,6 +456,32 @@ mod tests {
         assert!((rows - values - missing).abs() < 1e-6, "{rows} {values} {missing}");
         let ratio = left / values / (whole / rows);
         assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
+    }
+
+    /// Where the values of missing samples are not determined, because only a band counts or because the noise is much
+    /// weaker in a narrow band than elsewhere, their number of values stays right for noise.
+    #[test]
+    fn missing_samples_do_not_take_a_band_out() {
+        const SAMPLES: usize = 4000;
+        let plant = Plant::new(&truss(2)).unwrap();
+        let mut y = random_input(83, SAMPLES, plant.p);
+        y.iter_mut().for_each(|y| (0..SAMPLES).step_by(34).for_each(|k| y[k] = f64::NAN));
+        let record = crate::testing::record(vec![vec![0.0; SAMPLES]; plant.m], y);
+        let mut noise = NoiseModel::declared(&plant, &vec![1.0; plant.p], &vec![0.0; plant.m]);
+        for share in [0.01, 0.05, 0.3] {
+            noise.band_hz = Some([10.0, 10.0 + 0.5 * share * RATE]);
+            let whitener = Whitener::new(&record, &noise, RATE, vec![Vec::new(); plant.p]);
+            let mut white = vec![0.0; whitener.rows()];
+            whitener.apply(&record.error(&vec![vec![0.0; SAMPLES]; plant.p]), &mut white);
+            let power = white.iter().map(|x| x * x).sum::<f64>() / whitener.values();
+            assert!((power - 1.0).abs() < 0.3, "{share}: {power}");
+        }
+        noise.band_hz = None;
+        let mut whitener = Whitener::new(&record, &noise, RATE, vec![Vec::new(); plant.p]);
+        assert!(whitener.bridge.is_some());
+        let (each, bins) = (plant.p * (plant.p + 1) / 2, SAMPLES / 2);
+        whitener.factors[..each * bins / 100].iter_mut().for_each(|factor| *factor *= 100.0);
+        assert!(whitener.bridged().is_none());
     }
 
     /// With independent outputs, the rows of an output are those that it alone reaches.

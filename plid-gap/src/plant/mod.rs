@@ -244,11 +244,16 @@ impl Plant {
     /// # Errors
     /// [`GapError::Model`] if the eigenvalues cannot be computed.
     pub fn in_modal_coordinates(model: &Model, modes: usize, settings: &PlantSettings) -> Result<Self, GapError> {
-        let poles = leading_poles(model, modes);
-        let model = balanced(model);
-        let written = poles.and_then(|poles| poles.into_iter().map(|pole| eigenvectors(&model.a, pole)).collect());
-        let found = written.map_or_else(|| structural(&model, settings), Ok)?;
-        Ok(Self::of_modes(&model, found, settings))
+        let Some(poles) = leading_poles(model, modes) else { return Self::with_settings(model, settings) };
+        let vector = |k: usize, [re, im]: [f64; 2]| {
+            let mut vector = DVector::from_element(model.n(), C::ZERO);
+            (vector[2 * k], vector[2 * k + 1]) = (C::from(re), C::new(0.0, im));
+            vector
+        };
+        // A rotation by z has the right eigenvector (1, -j) and the left one (1, j) / 2.
+        let written = |(k, z): (usize, C)| (z, vector(k, [1.0, -1.0]), vector(k, [0.5, 0.5]));
+        let found = poles.into_iter().enumerate().map(written).collect();
+        Ok(Self::of_modes(model, found, settings))
     }
 
     /// Returns the plant with these modes. All other states belong to the rest.

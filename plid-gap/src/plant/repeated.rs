@@ -111,6 +111,11 @@ mod tests {
             let (found, right) = (plant.mobility(i), column.norm_squared());
             assert!((found / right - 1.0).abs() < 1e-3, "{found} for {right}");
         }
+        // Written and read again, they are the same two modes.
+        let written = plant.to_model(&model);
+        let read = Plant::in_modal_coordinates(&written, 3, &Default::default()).unwrap();
+        assert_eq!(read.modes.len(), 3);
+        assert!(far(&read, &model) < 1e-8, "{}", far(&read, &model));
     }
 
     /// Of two equal oscillators, one input and one output show only one. Of two whose first one is driven, two outputs

@@ -285,42 +285,44 @@ impl Prepared {
         NoiseLevel { factor: power / freedom, uncertainty, seen: true, driven }
     }
 
-    /// Returns the sum of squares of the whitened differences between the periods of driven records after subtraction
-    /// of these simulations, and its degrees of freedom. Only the outputs that `shows` marks count. A sample that is
-    /// missing in one period is left out of all of them.
+    /// Returns the sum of squares of the whitened deviations of the periods of driven records from their mean, after
+    /// subtraction of these simulations, and its degrees of freedom. Only the outputs that `shows` marks count.
     fn between_periods(&self, simulated: &[Channels], shows: &[bool]) -> (f64, f64) {
         let problem = &self.problem;
         let (mut power, mut freedom) = (0.0, 0.0);
         for ((record, y), whitener) in problem.records.iter().zip(simulated).zip(&problem.whiteners) {
             let Excitation::Periodic(period) = record.excitation else { continue };
-            let error = record.error(y);
-            let periods: Vec<Channels> = (1..record.samples() / period)
+            let mut error = record.error_where_measured(y);
+            for (error, masked) in error.iter_mut().zip(&whitener.masked) {
+                masked.iter().for_each(|&k| error[k] = f64::NAN);
+            }
+            let mut periods: Vec<Channels> = (1..record.samples() / period)
                 .map(|j| error.iter().map(|e| e[j * period..(j + 1) * period].to_vec()).collect())
                 .collect();
             if periods.len() < 2 {
                 continue;
             }
-            let used = period..period * (periods.len() + 1);
-            let left_out =
-                |masked: &Vec<usize>| masked.iter().filter(|k| used.contains(*k)).map(|k| k % period).collect();
-            let masked: Vec<Vec<usize>> = whitener.masked.iter().map(left_out).collect();
-            let head = Record { u: Vec::new(), y: periods[0].clone(), simulated: None, ..record.clone() };
-            let white = Whitener::new(&head, &self.noise, problem.plant.rate, masked);
-            let whitened: Vec<Vec<f64>> = periods
-                .iter()
-                .map(|period| {
-                    let mut to = vec![0.0; white.rows()];
-                    white.apply(period, &mut to);
-                    to
-                })
-                .collect();
-            let count = whitened.len() as f64;
-            for row in (0..white.rows()).filter(|&row| shows[white.output_of(row)]) {
-                let mean = whitened.iter().map(|w| w[row]).sum::<f64>() / count;
-                power += whitened.iter().map(|w| (w[row] - mean).powi(2)).sum::<f64>();
+            let share = without_their_mean(&mut periods);
+            let white = |y: &Channels| {
+                let period = Record { u: Vec::new(), y: y.clone(), simulated: None, ..record.clone() };
+                Whitener::new(&period, &self.noise, problem.plant.rate, vec![Vec::new(); problem.plant.p])
+            };
+            let mut last = white(&periods[0]);
+            for (j, deviation) in periods.iter().enumerate() {
+                // Periods without missing samples have the same whitening.
+                let whole = |y: &Channels| y.iter().flatten().all(|y| y.is_finite());
+                if j > 0 && !(whole(deviation) && whole(&periods[j - 1])) {
+                    last = white(deviation);
+                }
+                let mut to = vec![0.0; last.rows()];
+                last.apply(deviation, &mut to);
+                let shown = |(row, _): &(usize, &f64)| shows[last.output_of(*row)];
+                power += to.iter().enumerate().filter(shown).map(|(_, x)| x * x).sum::<f64>();
+                freedom += (0..shows.len()).filter(|&o| shows[o]).map(|o| last.values_of(o)).sum::<f64>();
             }
-            let values = (0..shows.len()).filter(|&o| shows[o]).map(|o| white.values_of(o)).sum::<f64>();
-            freedom += (count - 1.0) * values;
+            // Each sample that is there in any period has determined a mean.
+            let rows = last.rows() as f64 / shows.len() as f64;
+            freedom -= rows * share.iter().zip(shows).filter(|(_, shows)| **shows).map(|(share, _)| share).sum::<f64>();
         }
         (power, freedom)
     }
@@ -620,6 +622,22 @@ fn is_silent(record: &Record, shortest: usize) -> bool {
     record.excitation == Excitation::Zero && record.samples() >= shortest
 }
 
+/// Subtracts from periods (p channels each) their mean over those in which a sample is not missing (NaN). Returns, for
+/// each channel, the share of the samples that are there in at least one period.
+fn without_their_mean(periods: &mut [Channels]) -> Vec<f64> {
+    let (p, length) = (periods[0].len(), periods[0][0].len());
+    let mut share = vec![0.0; p];
+    for (o, k) in (0..p).flat_map(|o| (0..length).map(move |k| (o, k))) {
+        let there = periods.iter().map(|period| period[o][k]).filter(|y| y.is_finite());
+        let (sum, count) = there.fold((0.0, 0.0), |(sum, count), y| (sum + y, count + 1.0));
+        if count > 0.0 {
+            periods.iter_mut().for_each(|period| period[o][k] -= sum / count);
+            share[o] += 1.0 / length as f64;
+        }
+    }
+    share
+}
+
 /// Returns the differences between periods. The first two periods are left out, because they contain the transient.
 fn differences(record: &Record, shortest: usize) -> Vec<Stretch> {
     let Excitation::Periodic(period) = record.excitation else { return Vec::new() };
@@ -708,7 +726,13 @@ fn missing_modes(
     // The units of outputs may differ by many orders of magnitude, and outputs may contain constants.
     let size = |o: usize| {
         let motion = rms(random().flat_map(|(record, _)| about_its_mean(&record.y[o])));
-        if motion > 0.0 { motion } else { 1.0 }
+        let whole = rms(random().flat_map(|(record, _)| record.y[o].iter().filter(|y| y.is_finite())));
+        // The motion of an output that stands still is a rounding error.
+        match (motion > 1e-9 * whole, whole > 0.0) {
+            (true, _) => motion,
+            (_, true) => whole,
+            _ => 1.0,
+        }
     };
     let sizes: Vec<f64> = (0..plant.p).map(size).collect();
     peaks::missing_modes(plant, &driven, &sizes, settings, band_hz)
