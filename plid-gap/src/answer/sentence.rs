@@ -101,7 +101,7 @@ impl Said<'_> {
             String::new()
         } else {
             format!(
-                "; with the nearest effects, {}, {} remains",
+                "; with the nearest effects ({}), a gap of {} remains",
                 self.nearest.join(" and "),
                 percent(self.gap.with_effect)
             )

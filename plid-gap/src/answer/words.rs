@@ -75,15 +75,20 @@ pub(crate) fn words(
     words
 }
 
-/// States how much better than the refit the explanation fits the held-out records.
+/// States how much better or worse than the refit the explanation fits the held-out records.
 fn of_held_out(judged: &Judgement, judge: &JudgeSettings) -> Option<String> {
     judged.held_out.map(|held_out| {
+        let (comparison, refuted) = if held_out.gain < 0.0 {
+            ("worse", ", so it is not accepted")
+        } else {
+            ("better", ", too little for it to be accepted")
+        };
         format!(
-            "On the held-out records, the best explanation fits better than the refit by {} ({:.0} standard \
+            "On the held-out records, the best explanation fits {comparison} than the refit by {} ({:.0} standard \
             deviations){}.",
-            likelihood(held_out.gain / 2.0),
-            held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
-            if held_out.refutes(judge) { ", too little for it to be accepted" } else { "" },
+            likelihood(held_out.gain.abs() / 2.0),
+            held_out.gain.abs() / held_out.deviation.max(f64::MIN_POSITIVE),
+            if held_out.refutes(judge) { refuted } else { "" },
         )
     })
 }
@@ -145,26 +150,26 @@ fn limits(explained: &Explained) -> Vec<String> {
         let effects = in_words(effects, names);
         match why {
             Refusal::Diverges(record) => {
-                format!("{effects} fitted best, but its simulation of `{record}` diverges, so it was rejected.")
+                format!("The explanation {effects} fitted best, but its simulation of `{record}` diverges, so it was rejected.")
             }
             Refusal::FitsNoise => {
-                format!("{effects} was rejected as overfitting: it does not explain the records that were held out.")
+                format!("The explanation {effects} was rejected as overfitting: it does not explain the records that were held out.")
             }
             Refusal::Overfits => format!(
-                "{effects} fitted best, but predicts the held-out records worse than the simulation without effects, \
+                "The explanation {effects} fitted best, but predicts the held-out records worse than the simulation without effects, \
                 so the next explanation that predicts them better was chosen."
             ),
             Refusal::Outdone => format!(
-                "{effects} fits the records as well, but predicts the held-out ones much worse than the explanation \
+                "The explanation {effects} fits the records as well, but predicts the held-out ones much worse than the explanation \
                 that was chosen."
             ),
             Refusal::Untimely => format!(
-                "{effects} fits better, but leaves most of the gap of the held-out records, which a change over time \
+                "The explanation {effects} fits better, but leaves most of the gap of the held-out records, which a change over time \
                 closes."
             ),
             Refusal::BesideNoise => format!(
-                "In addition to the noise-like effects, {effects} fitted best, but most of the remaining gap is left, \
-                so it is not named."
+                "In addition to the noise-like effects, the explanation {effects} fitted best, but most of the \
+                remaining gap is left, so it is not named."
             ),
         }
     });

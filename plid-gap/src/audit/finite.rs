@@ -24,7 +24,7 @@ pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
             return Err(wrong(format!("output `{}` is infinite at sample {k}", config.outputs[o])));
         }
         if let Some((o, k)) = record.simulated.as_deref().and_then(|y| first(y, |x| !x.is_finite())) {
-            return Err(wrong(format!("simulated output `{}` is not a number at sample {k}", config.outputs[o])));
+            return Err(wrong(format!("simulated output `{}` is not finite at sample {k}", config.outputs[o])));
         }
         for (name, y) in config.outputs.iter().zip(&record.y) {
             let missing = y.iter().filter(|y| y.is_nan()).count();

@@ -35,7 +35,8 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     let values = records.iter().flat_map(|r| r.y.iter().flatten()).filter(|y| y.is_finite()).count();
     if values <= n {
         return Err(GapError::TooLittle(format!(
-            "{values} values of all outputs in the records with an input: fewer than the simulation's {n} states need"
+            "the records with an input contain {values} output values in total, too few for the {n} states of the \
+            simulation"
         )));
     }
     let mut little = Little { findings: Vec::new(), left_out: Vec::new() };
@@ -115,17 +116,17 @@ fn unknown_noise(case: &Case, model: &Model) -> String {
     let settings = &case.config.settings.prepare;
     let share = 100.0 * settings.undeclared_noise;
     let source = if model.noise.sensor_std.is_some() {
-        "it is taken as the simulation declares it".into()
+        "The noise that the simulation declares is used".into()
     } else if case.controller.is_some() {
-        format!("the simulation declares none, and {share:.0} % of each output is assumed")
+        format!("The simulation declares no noise, so {share:.0} % of each output is assumed")
     } else {
         format!(
-            "the simulation declares none, and the part of its error that the inputs do not explain is taken for \
-            noise, but at most {share:.0} % of each output"
+            "The simulation declares no noise, so the part of its error that the inputs do not explain is treated as \
+            noise, up to {share:.0} % of each output"
         )
     };
     format!(
-        "No record shows the noise alone (one without input, or a repeat of an input, of {} samples): {source}.",
+        "No record shows the noise alone, which takes {} samples without an input or with a repeated input. {source}.",
         settings.shortest_quiet
     )
 }

@@ -97,7 +97,10 @@ pub(super) fn in_words(offsets: &[f64], outputs: &[String]) -> String {
     if each.is_empty() {
         return String::new();
     }
-    format!(" Beside the response, its outputs contain constants ({}), which are fitted with it.", each.join(", "))
+    format!(
+        " In addition to the response, the outputs contain constants ({}), which are fitted together with the model.",
+        each.join(", ")
+    )
 }
 
 #[cfg(test)]

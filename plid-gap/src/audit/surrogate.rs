@@ -315,7 +315,7 @@ fn words(model: &Model, chosen: &[Record], of_simulator: bool, errors: [f64; 2],
             ": a linear model does not represent it well; the model's error is subtracted from the measured outputs, \
             but effects act on the model"
         } else {
-            ", which is subtracted from the measured outputs; `predict` needs the simulator's outputs \
+            ". This error is subtracted from the measured outputs, and `predict` needs the simulator's outputs \
             (`--simulated`)"
         };
         format!(
@@ -325,14 +325,14 @@ fn words(model: &Model, chosen: &[Record], of_simulator: bool, errors: [f64; 2],
     } else if let [first, rest @ ..] = chosen {
         let names = rest.iter().fold(first.name.clone(), |names, record| format!("{names} and {}", record.name));
         format!(
-            "No simulation is given: the surrogate is the best linear model of {states} states of {names}. Its error \
-            is {error:.2} % within the fit and {validation_error:.2} % outside."
+            "No simulation is given: the surrogate is the best linear model with {states} states, identified from \
+            {names}. Its error is {error:.2} % within the fit and {validation_error:.2} % outside."
         )
     } else {
         format!(
-            "No simulation is given: the surrogate is the best linear model of {states} states of the records. Its \
-            error is {error:.2} % within the fit and {validation_error:.2} % outside; it contains linear effects, \
-            which cannot be found."
+            "No simulation is given: the surrogate is the best linear model with {states} states, identified from the \
+            records. Its error is {error:.2} % within the fit and {validation_error:.2} % outside. It already contains \
+            all linear effects, so they cannot be found."
         )
     }
 }

@@ -162,8 +162,8 @@ impl Lines {
             (true, true) => "a nonlinearity with an odd and an even part",
         };
         Some(format!(
-            "Odd lines drive {}. At the odd lines that the input leaves out, the outputs have {}, and at even lines \
-            {}: {kind}.",
+            "The input of {} contains only odd lines. At the odd lines that it omits, the outputs have {}, and at even \
+            lines {}: {kind}.",
             self.record,
             share(odd),
             share(even)
