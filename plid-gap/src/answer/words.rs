@@ -149,23 +149,24 @@ fn limits(explained: &Explained) -> Vec<String> {
     let refused = explained.refused.iter().map(|(effects, why)| {
         let effects = in_words(effects, names);
         match why {
-            Refusal::Diverges(record) => {
-                format!("The explanation {effects} fitted best, but its simulation of `{record}` diverges, so it was rejected.")
-            }
-            Refusal::FitsNoise => {
-                format!("The explanation {effects} was rejected as overfitting: it does not explain the records that were held out.")
-            }
+            Refusal::Diverges(record) => format!(
+                "The explanation {effects} fitted best, but its simulation of `{record}` diverges, so it was rejected."
+            ),
+            Refusal::FitsNoise => format!(
+                "The explanation {effects} was rejected as overfitting: it does not explain the records that were \
+                held out."
+            ),
             Refusal::Overfits => format!(
-                "The explanation {effects} fitted best, but predicts the held-out records worse than the simulation without effects, \
-                so the next explanation that predicts them better was chosen."
+                "The explanation {effects} fitted best, but predicts the held-out records worse than the simulation \
+                without effects, so the next explanation that predicts them better was chosen."
             ),
             Refusal::Outdone => format!(
-                "The explanation {effects} fits the records as well, but predicts the held-out ones much worse than the explanation \
-                that was chosen."
+                "The explanation {effects} fits the records as well, but predicts the held-out ones much worse than \
+                the explanation that was chosen."
             ),
             Refusal::Untimely => format!(
-                "The explanation {effects} fits better, but leaves most of the gap of the held-out records, which a change over time \
-                closes."
+                "The explanation {effects} fits better, but leaves most of the gap of the held-out records, which a \
+                change over time closes."
             ),
             Refusal::BesideNoise => format!(
                 "In addition to the noise-like effects, the explanation {effects} fitted best, but most of the \
