@@ -183,7 +183,7 @@ mod tests {
         assert_eq!(none.left_out.len(), library.len());
         assert!(none.findings.iter().any(|f| f.contains("the 24 of the linear model")), "{:?}", none.findings);
         let error = check(&cut(3), &model, &library, &[]).err().unwrap().to_string();
-        assert!(error.contains("12 values") && error.contains("14 states"), "{error}");
+        assert!(error.contains("12 output values") && error.contains("14 states"), "{error}");
     }
 
     #[test]
@@ -194,7 +194,7 @@ mod tests {
         let mut loud = case(&truss(1), &truss(1));
         loud.records.retain(|record| record.excitation != Excitation::Zero);
         let found = check(&loud, &truss(1), &Library::standard(), &[]).unwrap().findings;
-        assert!(found[0].contains("as the simulation declares it"), "{found:?}");
+        assert!(found[0].contains("that the simulation declares"), "{found:?}");
         // A repeat of an input shows the noise.
         let mut repeated = loud.clone();
         repeated.records[1].u = repeated.records[0].u.clone();
@@ -202,6 +202,6 @@ mod tests {
         let mut silent = truss(1);
         silent.noise.sensor_std = None;
         let found = check(&loud, &silent, &Library::standard(), &[]).unwrap().findings;
-        assert!(found[0].contains("inputs do not explain") && found[0].contains("at most 1 % of each"), "{found:?}");
+        assert!(found[0].contains("inputs do not explain") && found[0].contains("up to 1 % of each"), "{found:?}");
     }
 }

@@ -128,6 +128,6 @@ mod tests {
             assert!((found - level).abs() < 0.005 * size, "{offsets:?} {levels:?}");
         }
         assert!(apart(&model, &truss(3)) < 0.002, "{}", apart(&model, &truss(3)));
-        assert!(words.ends_with("which are fitted with it."), "{words}");
+        assert!(words.ends_with("which are fitted together with the model."), "{words}");
     }
 }

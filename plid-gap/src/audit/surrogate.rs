@@ -370,7 +370,7 @@ mod tests {
         // Noise of 0.2 % in 4096 samples.
         assert!(apart(&model, &truss(3)) < 0.002, "{}", apart(&model, &truss(3)));
         assert!(
-            words.starts_with("No simulation is given: the surrogate is the best linear model of 14 states"),
+            words.starts_with("No simulation is given: the surrogate is the best linear model with 14 states"),
             "{words}"
         );
     }
