@@ -126,7 +126,8 @@ fn unknown_noise(case: &Case, model: &Model) -> String {
         )
     };
     format!(
-        "No record shows the noise alone, which takes {} samples without an input or with a repeated input. {source}.",
+        "No record shows the noise alone; that would take {} samples without an input or with a repeated one. \
+        {source}.",
         settings.shortest_quiet
     )
 }

@@ -15,7 +15,7 @@ use crate::judge::verdict::{Adequacy, FitFigures, adequacy, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
 use crate::search::course::not_of_time;
-use crate::search::levels::{by_level, from_earlier, from_known};
+use crate::search::levels::{by_level, from_known, has_missed};
 use crate::search::linear_cause;
 use crate::search::modal::{dominant, gain_on_modes};
 use crate::search::over_time::over_time;
@@ -140,8 +140,9 @@ fn passes<'a>(
         let first = OnceCell::new();
         let stage = if pass == Pass::First { stage } else { &first };
         let mut searched = Searched::new(&mut ready, &refitted, scope, stage, say);
-        if pass == Pass::First {
-            searched.begun(&mut ready.problem, &refitted, known, scope, say);
+        if pass == Pass::First && !known.is_empty() {
+            let known = Fit { effects: known.to_vec(), ..refitted.as_fit() };
+            searched.begun(&mut ready.problem, &refitted, &known, scope, say);
         }
         if ready.widened.is_some() {
             searched.completed(&mut ready.problem, &refitted, earlier.as_ref(), scope, say);
@@ -199,20 +200,19 @@ impl<'a> Searched<'a> {
         &mut self,
         problem: &mut Problem,
         refitted: &Refit,
-        known: &[Placed<'a>],
+        known: &Fit<'a>,
         scope: &Scope<'_, 'a>,
         say: &mut dyn FnMut(String),
     ) {
-        let known = Fit { effects: known.to_vec(), ..refitted.as_fit() };
-        if let Some(again) = from_known(problem, &mut self.quick, [&known, &self.found.best], refitted, scope, say) {
+        if let Some(again) = from_known(problem, &mut self.quick, [known, &self.found.best], refitted, scope, say) {
             let candidates = std::mem::replace(&mut self.found, again).candidates;
             self.found.add(candidates);
             self.simulated = outputs(problem, &self.found.best.eta, &self.found.best.effects);
         }
     }
 
-    /// Completes a search with an error of the simulation. A search from the explanation of an earlier pass without
-    /// that error replaces the result if it explains more, and linear causes are tried.
+    /// Completes a search with an error of the simulation: it begins again from the explanation of an earlier pass
+    /// without that error, if it has missed that, and tries linear causes.
     fn completed(
         &mut self,
         problem: &mut Problem,
@@ -221,12 +221,8 @@ impl<'a> Searched<'a> {
         scope: &Scope<'_, 'a>,
         say: &mut dyn FnMut(String),
     ) {
-        let again = earlier.and_then(|earlier| {
-            from_earlier(problem, &mut self.quick, [earlier, &self.found.best], refitted, scope, say)
-        });
-        if let Some(again) = again {
-            let candidates = std::mem::replace(&mut self.found, again).candidates;
-            self.found.add(candidates);
+        if let Some(earlier) = earlier.filter(|earlier| has_missed(&self.found.best, earlier)) {
+            self.begun(problem, refitted, earlier, scope, say);
         }
         let plain = Scope { bold: false, ..scope.clone() };
         straighten(problem, &self.quick, &mut self.found, &plain, say);

@@ -20,13 +20,11 @@ use crate::judge::stochastic_gap::{shown, squared_gap};
 use crate::judge::verdict::{Verdict, Weighted, outside, weigh};
 use crate::judge::written::Follows;
 use crate::plant::Plant;
+use crate::prepare::STANDS;
 use crate::search::rules::Rules;
 use crate::search::stochastic::Stochastic;
 use crate::settings::JudgeSettings;
 use crate::settings::step::Step;
-
-/// RMS of an output about its mean, relative to its RMS, below which the output stands still.
-const STANDS: f64 = 1e-9;
 
 /// A judged explanation.
 pub struct Judgement<'j, 'a> {

@@ -727,8 +727,7 @@ fn missing_modes(
     let size = |o: usize| {
         let motion = rms(random().flat_map(|(record, _)| about_its_mean(&record.y[o])));
         let whole = rms(random().flat_map(|(record, _)| record.y[o].iter().filter(|y| y.is_finite())));
-        // The motion of an output that stands still is a rounding error.
-        match (motion > 1e-9 * whole, whole > 0.0) {
+        match (motion > STANDS * whole, whole > 0.0) {
             (true, _) => motion,
             (_, true) => whole,
             _ => 1.0,
@@ -737,6 +736,10 @@ fn missing_modes(
     let sizes: Vec<f64> = (0..plant.p).map(size).collect();
     peaks::missing_modes(plant, &driven, &sizes, settings, band_hz)
 }
+
+/// RMS of an output about its mean, relative to its RMS, below which the output stands still. Rounding errors of the
+/// mean are smaller.
+pub(crate) const STANDS: f64 = 1e-9;
 
 /// Returns the measured samples of a channel without their mean.
 fn about_its_mean(y: &[f64]) -> Vec<f64> {

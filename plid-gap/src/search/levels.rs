@@ -68,22 +68,10 @@ fn is_linear(fit: &Fit) -> bool {
     fit.effects.iter().all(|placed| placed.effect.is_linear())
 }
 
-/// Searches again from the result of an earlier pass if this pass has missed the first effect of that result and
-/// explains less: an earlier pass, which weights the records by their noise alone, does not begin from a linear
-/// cause. The first effects of the earlier result are taken, as long as each of them explains enough.
-pub(crate) fn from_earlier<'a>(
-    problem: &mut Problem,
-    quick: &mut Problem,
-    [earlier, found]: [&Fit<'a>; 2],
-    refitted: &Refit,
-    scope: &Scope<'_, 'a>,
-    say: &mut dyn FnMut(String),
-) -> Option<Search<'a>> {
-    let first = earlier.effects.first()?;
-    if found.effects.iter().any(|placed| same(placed, first)) {
-        return None;
-    }
-    from_known(problem, quick, [earlier, found], refitted, scope, say)
+/// Returns whether a search has missed the first effect of an earlier pass. That pass, which weights the records by
+/// their noise alone, does not begin from a linear cause.
+pub(crate) fn has_missed(found: &Fit, earlier: &Fit) -> bool {
+    earlier.effects.first().is_some_and(|first| !found.effects.iter().any(|placed| same(placed, first)))
 }
 
 /// Searches again from known effects if they explain more than this pass has found. The first of them are taken, as
@@ -173,10 +161,11 @@ mod tests {
         let earlier = fit(problem, vec![spring, drift]);
         let found = fit(problem, vec![at(&library, "actuator-lag", Place::Input(0), vec![400.0])]);
         let mut say = |_: String| {};
-        let again = from_earlier(problem, &mut quick, [&earlier, &found], &refitted, &scope, &mut say).unwrap();
+        assert!(has_missed(&found, &earlier));
+        let again = from_known(problem, &mut quick, [&earlier, &found], &refitted, &scope, &mut say).unwrap();
         let [spring] = again.best.effects.as_slice() else { panic!("one effect") };
         assert_eq!((spring.effect.name(), &spring.place), ("cubic-stiffness", &Place::Input(0)));
-        assert!(from_earlier(problem, &mut quick, [&earlier, &again.best], &refitted, &scope, &mut say).is_none());
+        assert!(!has_missed(&again.best, &earlier));
         // A search that has missed the minimum begins again from a known law, although it has found the same effect.
         let missed = Fit { effects: again.best.effects.clone(), ..refitted.as_fit() };
         let known = Fit { effects: again.best.effects.clone(), ..refitted.as_fit() };
