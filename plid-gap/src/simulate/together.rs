@@ -43,7 +43,7 @@ pub fn before_sensors(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> Ve
 fn stepped(plant: &Plant, runs: &[Run<'_>], fineness: Fineness) -> (Vec<Channels>, Vec<usize>) {
     let runs: Vec<Applied> = runs.iter().map(|run| Applied::new(plant, run, fineness)).collect();
     let mut order: Vec<usize> = (0..runs.len()).collect();
-    order.sort_by_key(|&k| runs[k].samples());
+    order.sort_by(|&a, &b| runs[a].samples().cmp(&runs[b].samples()).then(runs[a].run.t0.total_cmp(&runs[b].run.t0)));
     let ordered: Vec<&Applied> = order.iter().map(|&k| &runs[k]).collect();
     let alike = ordered.chunk_by(|a, b| a.is_like(b)).flat_map(|alike| alike.chunks(MOST_TOGETHER));
     let groups: Vec<&[&Applied]> = alike.collect();
@@ -77,6 +77,8 @@ struct Applied<'r> {
     forces: Vec<(usize, &'r dyn Force)>,
     /// Forces at ports whose motion is an input.
     moved: Vec<(usize, &'r dyn Force)>,
+    /// The factor on the stiffness for every [`Fineness::drift`] samples; empty if the stiffness does not change.
+    factors: Vec<f64>,
 }
 
 impl<'r> Applied<'r> {
@@ -111,7 +113,8 @@ impl<'r> Applied<'r> {
             Some((0..samples).map(|k| of(run.t0 + k as f64 / plant.rate)).collect())
         };
         let disturbances = run.actions.iter().filter_map(disturbance).collect();
-        Self { run, start, given: Given { drive, disturbances }, parts, forces, moved, changed }
+        let factors = factors(&run, fineness.drift, plant.rate);
+        Self { run, start, given: Given { drive, disturbances }, parts, forces, moved, changed, factors }
     }
 
     fn samples(&self) -> usize {
@@ -124,36 +127,28 @@ impl<'r> Applied<'r> {
         self.run.actions.iter().filter_map(port)
     }
 
-    /// Returns the functions of time by which the stiffness is multiplied.
-    fn stiffness(&self) -> impl Iterator<Item = &(dyn Fn(f64) -> f64 + Send + Sync)> {
-        self.run.actions.iter().filter_map(|action| match action {
-            Action::Stiffness(of) => Some(of.as_ref()),
-            _ => None,
-        })
-    }
-
     /// Returns whether two runs have the same number of steps, and the same plant at each step.
     fn is_like(&self, other: &Self) -> bool {
         let steps = |run: &Self| (run.samples(), run.given.drive.parts, run.parts);
         let ports = |run: &Self| run.forces.iter().map(|(port, _)| *port).chain(run.pushed()).collect::<Vec<_>>();
-        let drifts = self.stiffness().next().is_some();
-        let unchanged = |run: &Self| run.changed.is_none() && run.stiffness().next().is_none();
-        let same = std::ptr::eq(self.run.actions, other.run.actions) && (!drifts || self.run.t0 == other.run.t0);
+        let unchanged = self.changed.is_none() && other.changed.is_none();
         steps(self) == steps(other)
             && ports(self) == ports(other)
             && self.forces.len() == other.forces.len()
-            && (same || unchanged(self) && unchanged(other))
+            && (unchanged || std::ptr::eq(self.run.actions, other.run.actions))
+            && self.factors == other.factors
     }
+}
 
-    /// Returns the factor on the stiffness for every `drift` samples; empty if the stiffness does not change.
-    fn factors(&self, drift: usize, rate: f64) -> Vec<f64> {
-        if self.stiffness().next().is_none() {
-            return Vec::new();
-        }
-        let middle = |k: usize| self.run.t0 + (k as f64 + 0.5) * drift as f64 / rate;
-        let factor = |k: usize| self.stiffness().map(|of| of(middle(k))).product();
-        (0..self.samples().div_ceil(drift)).map(factor).collect()
+/// Returns the factor on the stiffness for every `drift` samples of a run; empty if the stiffness does not change.
+fn factors(run: &Run, drift: usize, rate: f64) -> Vec<f64> {
+    let stiffness = || run.actions.iter().filter_map(|a| if let Action::Stiffness(of) = a { Some(of) } else { None });
+    if stiffness().next().is_none() {
+        return Vec::new();
     }
+    let middle = |k: usize| run.t0 + (k as f64 + 0.5) * drift as f64 / rate;
+    let factor = |k: usize| stiffness().map(|of| of(middle(k))).product();
+    (0..run.u.first().map_or(0, Vec::len).div_ceil(drift)).map(factor).collect()
 }
 
 /// Returns the effects of a run that act between a controller and its plant.
@@ -176,8 +171,7 @@ fn advanced<const R: usize>(runs: [&Applied<'_>; R], plant: &Plant, fineness: Fi
         }
     }
     let mut outputs = runs.map(|run| vec![vec![0.0; run.samples()]; plant.p]);
-    let factors = first.factors(fineness.drift, plant.rate);
-    advance(&mut runner, plant, &runs.map(|run| &run.given), &factors, fineness.drift, &mut outputs);
+    advance(&mut runner, plant, &runs.map(|run| &run.given), &first.factors, fineness.drift, &mut outputs);
     for (y, run) in outputs.iter_mut().zip(runs) {
         run.moved.iter().for_each(|&(port, law)| on_a_given_motion(&plant.ports[port], law, &run.given.drive, y));
     }
