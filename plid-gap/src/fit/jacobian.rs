@@ -1,5 +1,7 @@
 //! Derivatives of the whitened outputs, and the normal equations.
 
+use std::sync::Arc;
+
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use nalgebra::{DMatrix, DVector};
@@ -30,7 +32,14 @@ enum Kept {
     Values(Single),
     /// Those of each record before whitening. Hundreds of whitened derivatives take many times the memory of the
     /// records.
-    Signals(Vec<Derivatives>),
+    Signals(Vec<Arc<OfRecord>>),
+}
+
+/// The derivatives of the outputs of one record before whitening.
+pub struct OfRecord {
+    derivatives: Derivatives,
+    /// The products of the whitened derivatives, without the prior.
+    products: DMatrix<f64>,
 }
 
 impl Jacobian {
@@ -39,6 +48,21 @@ impl Jacobian {
         let mut normal = columns.square();
         add_prior(&mut normal, std);
         Self { normal, kept: Kept::Values(columns) }
+    }
+
+    /// Creates the Jacobian from the derivatives of each record; the parameters have a prior of these standard
+    /// deviations.
+    pub fn of_records(records: Vec<Arc<OfRecord>>, std: &[f64]) -> Self {
+        let mut normal = DMatrix::zeros(std.len(), std.len());
+        add_prior(&mut normal, std);
+        for OfRecord { derivatives, products } in records.iter().map(Arc::as_ref) {
+            for (i, row) in derivatives.columns.iter().enumerate() {
+                for (j, column) in derivatives.columns.iter().enumerate() {
+                    normal[(row.parameter, column.parameter)] += products[(i, j)];
+                }
+            }
+        }
+        Self { normal, kept: Kept::Signals(records) }
     }
 
     /// Returns the derivatives themselves, if they are kept as values.
@@ -56,13 +80,13 @@ impl Jacobian {
             Kept::Signals(of_records) => of_records,
         };
         let mut products = DMatrix::zeros(problem.nuisance.len(), v.ncols());
-        for (index, derivatives) in of_records.iter().enumerate() {
+        for (index, of_record) in of_records.iter().enumerate() {
             let channels = |j: usize| {
                 let white = v.col(j).try_as_col_major().expect("columns are contiguous").as_slice();
                 problem.whiteners[index].adjoint(&white[problem.rows_of(index)])
             };
             let all: Vec<Channels> = (0..v.ncols()).into_par_iter().map(channels).collect();
-            derivatives.add_products(&problem.records[index].u, &all, &mut products);
+            of_record.derivatives.add_products(&problem.records[index].u, &all, &mut products);
         }
         products
     }
@@ -106,20 +130,24 @@ impl Columns {
 impl Problem {
     /// Computes the derivatives with respect to the linear parameters at a linear model.
     pub fn jacobian(&self, plant: &Plant) -> Jacobian {
-        let spectrum = Spectrum::of(plant);
-        let mut normal = DMatrix::zeros(self.nuisance.len(), self.nuisance.len());
-        add_prior(&mut normal, &self.nuisance.std);
-        let derivatives = |index: usize| {
-            let derivatives = self.nuisance.derivatives(plant, spectrum.as_ref(), &self.records[index], index);
-            self.add_normal(index, &derivatives, &mut normal);
-            derivatives
-        };
-        let kept = (0..self.records.len()).map(derivatives).collect();
-        Jacobian { normal, kept: Kept::Signals(kept) }
+        Jacobian::of_records(self.derivatives(plant), &self.nuisance.std)
     }
 
-    /// Adds the information of one record to the normal matrix.
-    fn add_normal(&self, index: usize, derivatives: &Derivatives, to: &mut DMatrix<f64>) {
+    /// Computes the derivatives of each record.
+    pub fn derivatives(&self, plant: &Plant) -> Vec<Arc<OfRecord>> {
+        let spectrum = Spectrum::of(plant);
+        (0..self.records.len()).map(|index| self.derivatives_of(index, plant, spectrum.as_ref())).collect()
+    }
+
+    /// Computes the derivatives of one record. `spectrum` is that of the plant.
+    pub fn derivatives_of(&self, index: usize, plant: &Plant, spectrum: Option<&Spectrum>) -> Arc<OfRecord> {
+        let derivatives = self.nuisance.derivatives(plant, spectrum, &self.records[index], index);
+        let products = self.whitened_products(index, &derivatives);
+        Arc::new(OfRecord { derivatives, products })
+    }
+
+    /// Returns the products of the whitened derivatives of one record.
+    fn whitened_products(&self, index: usize, derivatives: &Derivatives) -> DMatrix<f64> {
         let (whitener, record) = (&self.whiteners[index], &self.records[index]);
         let rows = whitener.rows();
         let mut values = vec![0.0; rows * derivatives.columns.len()];
@@ -140,12 +168,7 @@ impl Problem {
             });
         });
         let columns = Columns { rows, values };
-        let normal = product(columns.matrix(), columns.matrix());
-        for (i, row) in derivatives.columns.iter().enumerate() {
-            for (j, column) in derivatives.columns.iter().enumerate() {
-                to[(row.parameter, column.parameter)] += normal[(i, j)];
-            }
-        }
+        product(columns.matrix(), columns.matrix())
     }
 
     /// Computes the derivatives of the simulation with a fit's effects, with respect to the linear parameters, as
@@ -257,7 +280,7 @@ impl Problem {
 
     /// Returns J' V for V with these columns.
     pub fn cross_all(&self, jacobian: &Jacobian, columns: &[Vec<f64>]) -> DMatrix<f64> {
-        let rows = columns.first().map_or(0, Vec::len);
+        let Some(rows) = columns.first().map(Vec::len) else { return DMatrix::zeros(self.nuisance.len(), 0) };
         jacobian.cross(self, MatRef::from_column_major_slice(&columns.concat(), rows, columns.len()))
     }
 

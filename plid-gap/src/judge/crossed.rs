@@ -1,12 +1,16 @@
 //! The reliability of predictions: free runs of each fitted record by a model that was fitted to the others.
 
+use std::sync::Arc;
+
 use crate::case::record::{Channels, Record};
 use crate::effects::Flexible;
 use crate::fit::free_run::outputs;
 use crate::fit::free_run::run;
-use crate::fit::problem::{Effort, Fit, Problem};
+use crate::fit::jacobian::OfRecord;
+use crate::fit::problem::{Effort, Fit, Jacobian, Problem};
 use crate::judge::gap::{self, Blocks, Reach};
 use crate::noise::whiten::Whitener;
+use crate::plant::Spectrum;
 use crate::settings::JudgeSettings;
 use crate::simulate::Fineness;
 
@@ -102,11 +106,12 @@ impl<'p> Crossed<'p> {
         let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].is_driven()).collect();
         let mut simulated = outputs(problem, &fit.eta, &fit.effects);
         let reach = reach(problem, fit, &simulated);
+        let derivatives = problem.derivatives(&problem.nuisance.apply(&problem.plant, &fit.eta));
         for &k in &driven {
             let predicted = if others_are_as_loud(records, k, problem.settings.case.same_level) {
-                by_others(problem, fit, k)
+                by_others(problem, fit, &derivatives, k)
             } else {
-                by_parts(problem, fit, k, &noise)
+                by_parts(problem, fit, &derivatives, k, &noise)
             };
             simulated[k] = if predicted.iter().flatten().all(|y| y.is_finite()) {
                 predicted
@@ -175,18 +180,23 @@ fn reach(problem: &Problem, fit: &Fit, simulated: &[Channels]) -> Option<Reach> 
     is_curve.then(|| Reach::of(&problem.records, simulated, &outputs(problem, &fit.eta, &[]), same_level))
 }
 
-/// Returns the free run of a record by the model that is fitted to the other records.
-fn by_others(problem: &Problem, fit: &Fit, k: usize) -> Channels {
+/// Returns the free run of a record by the model that is fitted to the other records. The derivatives are those of all
+/// records at the fit.
+fn by_others(problem: &Problem, fit: &Fit, derivatives: &[Arc<OfRecord>], k: usize) -> Channels {
     let others = problem.without(k);
-    let jacobian = others.jacobian(&others.nuisance.apply(&others.plant, &fit.eta));
+    let mut of_others = derivatives.to_vec();
+    of_others.remove(k);
+    let jacobian = Jacobian::of_records(of_others, &others.nuisance.std);
     let fit = others.fit(&jacobian, &fit.eta, &fit.effects, FROM_ALL);
     run(&others.nuisance.apply(&others.plant, &fit.eta), &others.actions(&fit.effects), &problem.records[k])
 }
 
 /// Returns the free run of a record, each part by the model that is fitted to its other parts and the other records.
+/// The derivatives are those of all records at the fit.
 fn by_parts(
     problem: &Problem,
     fit: &Fit,
+    derivatives: &[Arc<OfRecord>],
     only: usize,
     noise: &impl Fn(&Record, Vec<Vec<usize>>) -> Whitener,
 ) -> Channels {
@@ -194,6 +204,8 @@ fn by_parts(
     let samples = record.samples();
     let mut whole: Channels = record.y.clone();
     let parts = problem.settings.judge.prediction_parts;
+    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let spectrum = Spectrum::of(&plant);
     for part in 0..parts {
         let range = samples * part / parts..samples * (part + 1) / parts;
         let mut others = problem.clone();
@@ -203,7 +215,9 @@ fn by_parts(
         // The samples that are missing now are masked as well.
         let whitener = noise(&others.records[only], problem.whiteners[only].masked.clone());
         others.whiteners[only] = whitener;
-        let jacobian = others.jacobian(&others.nuisance.apply(&others.plant, &fit.eta));
+        let mut of_others = derivatives.to_vec();
+        of_others[only] = others.derivatives_of(only, &plant, spectrum.as_ref());
+        let jacobian = Jacobian::of_records(of_others, &others.nuisance.std);
         let fit = others.fit(&jacobian, &fit.eta, &fit.effects, FROM_ALL);
         let y = &outputs(&others, &fit.eta, &fit.effects)[only];
         for (to, from) in whole.iter_mut().zip(y) {
