@@ -1,5 +1,6 @@
 //! Least squares in the whitened residuals: fits of the linear parameters and of effects.
 
+pub(crate) mod added;
 pub(crate) mod candidate;
 mod covariance;
 pub(crate) mod derivatives;

@@ -20,12 +20,12 @@ use serde::{Deserialize, Serialize};
 use crate::effects::{
     Effect, Flexible, MainsHum, MissingMode, NarrowbandDisturbance, Place, SensorOffset, Setting, Side,
 };
+use crate::fit::added::Before;
 use crate::fit::nuisance::{Nuisance, Part};
 use crate::fit::problem::{Placed, Problem, dot, sum_of_squares};
 use crate::fit::refit::{self, Refit, refit};
 use crate::prepare::{Known, Prepared};
 use crate::settings::JudgeSettings;
-use crate::simulate::Fineness;
 
 /// The share of the residual that a place can explain.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -68,7 +68,8 @@ impl Means {
 /// the noise model.
 pub fn places(ready: &Prepared, known: &Known, factor: f64) -> Vec<PlaceShare> {
     let problem = problem(ready, known);
-    let Some(base) = Base::new(&problem) else { return Vec::new() };
+    let refitted = refit(&problem, refit::STEPS);
+    let Some(base) = Base::new(&problem, &refitted) else { return Vec::new() };
     let settings = &problem.settings.judge;
     let means = means(&problem);
     let gain = |means: Means| (means.side, base.gain(&means), means.place);
@@ -234,19 +235,18 @@ fn of_shape(shape: &'static Flexible, place: &Place, setting: &Setting) -> Vec<P
 /// The bounded refit, from which all places start.
 struct Base<'p> {
     problem: &'p Problem,
-    refitted: Refit,
-    /// The residual of the refit, simulated with the same fineness as the places.
-    now: Vec<f64>,
+    refitted: &'p Refit,
+    /// The runs of the refit, simulated with the same fineness as the places.
+    now: Before<'p, 'static>,
     /// J' r.
     pull: DVector<f64>,
     cost: f64,
 }
 
 impl<'p> Base<'p> {
-    fn new(problem: &'p Problem) -> Option<Self> {
-        let refitted = refit(problem, refit::STEPS);
-        let now = problem.residual(&refitted.plant, &refitted.eta, &[], Fineness::COARSE);
-        let pull = problem.cross(&refitted.jacobian, &now).column(0).into_owned();
+    fn new(problem: &'p Problem, refitted: &'p Refit) -> Option<Self> {
+        let now = Before::new(problem, &refitted.plant, &refitted.eta, &[]);
+        let pull = problem.cross(&refitted.jacobian, &now.residual).column(0).into_owned();
         let mut base = Self { problem, refitted, now, pull, cost: 0.0 };
         base.cost = base.left(&[], &[])?;
         base.cost.is_finite().then_some(base)
@@ -254,14 +254,11 @@ impl<'p> Base<'p> {
 
     /// Returns the reduction of the misfit by a place, less the reduction expected by chance with as many parameters.
     fn gain(&self, means: &Means) -> f64 {
-        let trace = |placed: &Placed| -> Option<Vec<f64>> {
-            let effects = std::slice::from_ref(placed);
-            let with = self.problem.residual(&self.refitted.plant, &self.refitted.eta, effects, Fineness::COARSE);
-            let trace: Vec<f64> = self.now.iter().zip(&with).map(|(a, b)| a - b).collect();
+        let unit = |trace: Vec<f64>| -> Option<Vec<f64>> {
             let size = sum_of_squares(&trace);
             (size.is_finite() && size > 0.0).then(|| trace.iter().map(|x| x / size.sqrt()).collect())
         };
-        let traces: Vec<Vec<f64>> = means.runs.iter().filter_map(trace).collect();
+        let traces: Vec<Vec<f64>> = self.now.added(&means.runs).into_iter().filter_map(unit).collect();
         let chance = (means.freed.len() + traces.len()) as f64;
         self.left(&means.freed, &traces).map_or(0.0, |left| self.cost - left - chance)
     }
@@ -269,13 +266,13 @@ impl<'p> Base<'p> {
     /// Returns the minimum of the misfit with some linear parameters freed from their limits and with further columns.
     /// The misfit is the sum of squares of the residual and of the other linear parameters over their limits.
     fn left(&self, freed: &[usize], traces: &[Vec<f64>]) -> Option<f64> {
-        let Refit { eta, jacobian, .. } = &self.refitted;
+        let (Refit { eta, jacobian, .. }, now) = (self.refitted, &self.now.residual);
         let (n, k) = (eta.len(), traces.len());
         let mut normal = DMatrix::zeros(n + k, n + k);
         let mut right = DVector::zeros(n + k);
         normal.view_mut((0, 0), (n, n)).copy_from(&jacobian.normal);
         right.rows_mut(0, n).copy_from(&self.pull);
-        let mut misfit = sum_of_squares(&self.now);
+        let mut misfit = sum_of_squares(now);
         for (j, std) in self.problem.nuisance.std.iter().enumerate() {
             if freed.contains(&j) {
                 normal[(j, j)] -= 1.0 / (std * std);
@@ -284,16 +281,16 @@ impl<'p> Base<'p> {
                 misfit += (eta[j] / std).powi(2);
             }
         }
+        let cross = self.problem.cross_all(jacobian, traces);
+        normal.view_mut((0, n), (n, k)).copy_from(&cross);
+        normal.view_mut((n, 0), (k, n)).copy_from(&cross.transpose());
         for (j, trace) in traces.iter().enumerate() {
-            let cross = self.problem.cross(jacobian, trace);
-            normal.view_mut((0, n + j), (n, 1)).copy_from(&cross);
-            normal.view_mut((n + j, 0), (1, n)).copy_from(&cross.transpose());
             traces[..=j].iter().enumerate().for_each(|(i, other)| {
                 let product = dot(trace, other);
                 normal[(n + i, n + j)] = product;
                 normal[(n + j, n + i)] = product;
             });
-            right[n + j] = dot(trace, &self.now);
+            right[n + j] = dot(trace, now);
         }
         (0..n + k).for_each(|j| normal[(j, j)] *= 1.0 + RIDGE);
         let factor = normal.cholesky()?;

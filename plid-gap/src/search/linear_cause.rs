@@ -7,15 +7,16 @@
 //! Analysis, 2013, chapter 5). A cause that accounts for most of the refit's changes thus gains, although the refit
 //! leaves nothing of the cause in the residual.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector};
 use rayon::prelude::*;
 
 use crate::effects::{Effect, Place, Range};
+use crate::fit::added::Before;
 use crate::fit::candidate::same;
 use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem, sum_of_squares};
 use crate::fit::refit::clipped;
 use crate::search::rules::Scope;
-use crate::search::screen::{Base, Entry, Now, Tried, screen};
+use crate::search::screen::{Base, Entry, screen};
 use crate::simulate::Fineness;
 
 /// Factors tau that are tried.
@@ -33,6 +34,10 @@ const FAINT: f64 = 1.0;
 
 /// Effort of the fits with such a cause: the remaining parameters lie along a curved valley.
 const ABSORBED: Effort = Effort { steps: 24, gain: 0.5, fineness: Fineness::FINE };
+
+/// Number of causes whose traces are computed at once. The derivatives by the linear parameters are not kept but
+/// computed anew for each product, whatever its number of columns.
+const AT_ONCE: usize = 8;
 
 /// A cause that a refit may have absorbed.
 struct LinearCause<'a> {
@@ -106,21 +111,11 @@ fn causes<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Sc
     let Some(known) = Known::new(problem, from, jacobian) else { return Vec::new() };
     let Some(without) = known.best(None) else { return Vec::new() };
     let setting = &problem.setting;
-    let base = Base {
-        problem,
-        jacobian,
-        plant: &problem.nuisance.apply(&problem.plant, &from.eta),
-        eta: &from.eta,
-        effects: &from.effects,
-        residual: &from.residual,
-        bold: false,
-        sized: false,
-    };
-    let now = Now::new(&base);
-    let cause = |mut placed: Placed<'a>| {
+    let plant = problem.nuisance.apply(&problem.plant, &from.eta);
+    let now = Before::new(problem, &plant, &from.eta, &from.effects);
+    let cause = |mut placed: Placed<'a>, cross: DMatrixView<f64>| {
         let (index, neutral) = placed.effect.amplitude()?;
-        let trace = now.added(&base, &[Tried { placed: placed.clone(), scaled: true }]).swap_remove(0);
-        let pulls = known.scaled(&problem.cross(jacobian, &trace))?;
+        let pulls = known.scaled(cross)?;
         let imitation = known.imitation(&pulls)?;
         let with = known.best(Some(&imitation))?;
         let parameter = &mut placed.parameters[index];
@@ -139,7 +134,12 @@ fn causes<'a>(problem: &Problem, from: &Fit<'a>, jacobian: &Jacobian, scope: &Sc
     let numbers = scope.library.effects().filter(|effect| effect.is_number()).flat_map(at).filter_map(placed);
     let is_new = |placed: &Placed| !from.effects.iter().any(|other| same(other, placed));
     let all: Vec<Placed> = numbers.filter(|placed| scope.admits(placed) && is_new(placed)).collect();
-    let mut causes: Vec<LinearCause> = all.into_par_iter().filter_map(cause).collect();
+    let of_chunk = |chunk: &[Placed<'a>]| -> Vec<LinearCause<'a>> {
+        let cross = problem.cross_all(jacobian, &now.added(chunk));
+        let own = |(j, placed): (usize, &Placed<'a>)| cause(placed.clone(), cross.columns(j, 1));
+        chunk.iter().enumerate().filter_map(own).collect()
+    };
+    let mut causes: Vec<LinearCause> = all.par_chunks(AT_ONCE).flat_map_iter(of_chunk).collect();
     causes.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     causes
 }
@@ -181,12 +181,12 @@ impl Known {
         }
         let information = DMatrix::from_fn(n, n, |i, j| std[i] * own[(i, j)] * std[j]);
         let mut known = Self { std, eliminated, information, pull: DVector::zeros(n) };
-        known.pull = known.scaled(&DMatrix::from_column_slice(all, 1, pull.as_slice()))?;
+        known.pull = known.scaled(DMatrixView::from_slice(pull.as_slice(), all, 1))?;
         Some(known)
     }
 
     /// Returns J' v after the elimination, in standard deviations; `None` if it is not finite.
-    fn scaled(&self, cross: &DMatrix<f64>) -> Option<DVector<f64>> {
+    fn scaled(&self, cross: DMatrixView<f64>) -> Option<DVector<f64>> {
         let (n, all) = (self.std.len(), cross.nrows());
         let own = cross.view((0, 0), (n, 1)) - &self.eliminated * cross.view((n, 0), (all - n, 1));
         let scaled = DVector::from_fn(n, |i, _| self.std[i] * own[(i, 0)]);

@@ -8,11 +8,10 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
-use crate::case::record::Channels;
 use crate::effects::{Action, Effect, Library, Place, Range};
+use crate::fit::added::Before;
 use crate::fit::problem::{Jacobian, Placed, Problem, dot, sum_of_squares};
 use crate::plant::Plant;
-use crate::simulate::Fineness;
 
 /// An entry of the screen: an effect at a location with its best shape.
 #[derive(Clone)]
@@ -25,6 +24,8 @@ pub struct Entry<'a> {
     pub absorbed: f64,
     /// Energy (sum of squares) of the remaining trace of the effect, whitened and projected, at its best size.
     pub energy: f64,
+    /// Reduction of the linear parameters' penalty.
+    pub straightened: f64,
     /// The parameters of the run.
     tried: Vec<f64>,
     /// Factor on the trace of the run at the best size.
@@ -53,6 +54,12 @@ pub struct Base<'p, 'a> {
     pub sized: bool,
 }
 
+impl<'p, 'a> Base<'p, 'a> {
+    fn before(&self) -> Before<'p, 'a> {
+        Before::new(self.problem, self.plant, self.eta, self.effects)
+    }
+}
+
 /// Returns all entries, the best first: for each effect at each location its best shape.
 pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Placed) -> bool + Sync) -> Vec<Entry<'a>> {
     let problem = base.problem;
@@ -66,7 +73,7 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
             !skip(&placed)
         })
         .collect();
-    let now = Now::new(base);
+    let now = base.before();
     // At the end of a refit the gradient is zero: an effect may explain the residual, or the change of the linear
     // parameters that imitates the effect.
     let left = factor.solve(&problem.gradient(base.jacobian, base.residual, base.eta));
@@ -74,7 +81,8 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
         .par_chunks(PROJECTED_TOGETHER)
         .flat_map_iter(|pairs| {
             let tried: Vec<Vec<Tried>> = pairs.iter().map(|(effect, place)| shapes(base, *effect, place)).collect();
-            let traces: Vec<Vec<f64>> = tried.iter().flat_map(|tried| now.added(base, tried)).collect();
+            let traces: Vec<Vec<f64>> =
+                tried.iter().flat_map(|tried| now.added(tried.iter().map(|tried| &tried.placed))).collect();
             let mut projected = projected(base, &factor, traces).into_iter();
             let best = |tried: Vec<Tried<'a>>| {
                 let own = projected.by_ref().take(tried.len());
@@ -89,10 +97,10 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
 }
 
 /// An effect with the parameters of a run.
-pub(super) struct Tried<'a> {
-    pub placed: Placed<'a>,
+struct Tried<'a> {
+    placed: Placed<'a>,
     /// Whether the trace is scaled to its best size; otherwise the size counts as it is.
-    pub scaled: bool,
+    scaled: bool,
 }
 
 /// Returns the trials of an effect at a location: each start of its shape, and several sizes of an internal force.
@@ -199,51 +207,26 @@ fn entry<'a>(
         }
         None => (2.0 * product - energy, energy, 1.0),
     };
-    gain.is_finite().then_some(Entry { placed, gain, absorbed, energy, tried, size })
+    let straightened = straightened(base, left, &own.solved, size);
+    gain.is_finite().then_some(Entry { placed, gain, absorbed, energy, straightened, tried, size })
+}
+
+/// Returns the reduction of the linear parameters' penalty if these parameters are refitted beside a trace of a size.
+fn straightened(base: &Base, left: &DMatrix<f64>, solved: &DVector<f64>, size: f64) -> f64 {
+    let change = |(k, (eta, std)): (usize, (&f64, &f64))| {
+        let to = eta + left[(k, 0)] - size * solved[k];
+        (eta * eta - to * to) / (std * std)
+    };
+    base.eta.iter().zip(&base.problem.nuisance.std).enumerate().map(change).sum()
 }
 
 /// Returns the change of the whitened outputs by each entry at its best size, scaled from its run.
 pub fn traces(base: &Base, entries: &[Entry]) -> Vec<Vec<f64>> {
-    let now = Now::new(base);
+    let now = base.before();
     let trace = |entry: &Entry| -> Vec<f64> {
         let placed = Placed { parameters: entry.tried.clone(), ..entry.placed.clone() };
-        let trace = now.added(base, &[Tried { placed, scaled: true }]).swap_remove(0);
+        let trace = now.added([&placed]).swap_remove(0);
         trace.into_iter().map(|x| entry.size * x).collect()
     };
     entries.par_iter().map(trace).collect()
-}
-
-/// The runs from which the screen starts. They are as coarse as those of the entries, so that the errors of the
-/// discretisation cancel.
-pub(super) struct Now {
-    /// Outputs of all records before the effects on the sensors.
-    before_sensors: Vec<Channels>,
-    /// The whitened residual.
-    residual: Vec<f64>,
-}
-
-impl Now {
-    pub fn new(base: &Base) -> Self {
-        let actions = vec![base.problem.actions(base.effects)];
-        let before_sensors = base.problem.before_sensors(base.plant, base.eta, &actions, Fineness::COARSE);
-        let residual = base.problem.residual_from(before_sensors.iter().cloned(), &actions[0]);
-        Self { before_sensors, residual }
-    }
-
-    /// Returns the changes of the whitened outputs by further effects. An effect on the sensors needs no run.
-    pub fn added(&self, base: &Base, tried: &[Tried]) -> Vec<Vec<f64>> {
-        let problem = base.problem;
-        let more = |tried: &Tried| problem.actions(std::slice::from_ref(&tried.placed));
-        let without_run = tried.iter().all(|tried| problem.are_on_sensors(&more(tried)));
-        let with = |tried| problem.actions(base.effects).into_iter().chain(more(tried)).collect();
-        let sets: Vec<Vec<Action>> = tried.iter().map(with).collect();
-        let residuals = if without_run {
-            let residual = |actions: &Vec<Action>| problem.residual_from(self.before_sensors.iter().cloned(), actions);
-            sets.iter().map(residual).collect()
-        } else {
-            problem.residuals(base.plant, base.eta, &sets, Fineness::COARSE)
-        };
-        let change = |with: Vec<f64>| self.residual.iter().zip(&with).map(|(a, b)| a - b).collect();
-        residuals.into_iter().map(change).collect()
-    }
 }
