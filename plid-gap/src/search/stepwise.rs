@@ -11,7 +11,7 @@ use crate::search::course::not_of_time;
 use crate::search::linear_cause;
 use crate::search::overlap::{Overlap, of_screen};
 use crate::search::ports::fit_ports;
-use crate::search::price::{Price, imitates, material, straightens};
+use crate::search::price::{Price, imitates, least_straightened, material, straightens};
 use crate::search::reconsider::{Latest, question, refined, related};
 use crate::search::rules::Scope;
 use crate::search::screen::Entry;
@@ -368,6 +368,9 @@ pub fn straighten<'a>(
     let (price, settings) = (Price::new(problem, scope), &scope.settings);
     for _ in 0..settings.most_straightened {
         let best = &found.best;
+        if problem.penalty(&best.eta) < least_straightened(problem, scope) {
+            return;
+        }
         let there = |placed: &Placed| {
             !placed.effect.is_number() || best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed)
         };
