@@ -1,11 +1,8 @@
 //! The price of parameters and choices, and the conditions under which an effect is accepted.
 
-use crate::effects::Side;
 use crate::fit::candidate::Candidate;
 use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::search::rules::Scope;
-use crate::search::screen::Entry;
-use crate::settings::step::Step;
 
 /// The price of parameters and choices, and the options of a stage.
 pub(super) struct Price<'p, 'a> {
@@ -63,26 +60,6 @@ pub(super) fn straightens(problem: &Problem, scope: &Scope, before: &Fit, after:
 /// Returns the least penalty of the linear parameters that a further effect must remove.
 pub(super) fn least_straightened(problem: &Problem, scope: &Scope) -> f64 {
     scope.settings.straightened_penalty - fewer(problem, scope)
-}
-
-/// Factor by which a fit may exceed what the screen predicts. Among the effects that were accepted beside others in the
-/// labelled cases and in those with an imperfect simulation, the ratio of what the fit explained to what the screen had
-/// predicted was at most 7.0. For those nearest to the limit of acceptance, it was at most 4.5.
-const BEYOND_SCREEN: f64 = 8.0;
-
-/// Returns whether an entry of the screen of the first samples may be accepted in addition to other effects. Before
-/// it, the sum of squares is `left`, and the linear parameters have this penalty. A change over time may hardly have
-/// begun in the first samples, and a contact may not have occurred, so the screen says little about these.
-pub(super) fn may_be_accepted(quick: &Problem, scope: &Scope, [left, penalty]: [f64; 2], entry: &Entry) -> bool {
-    let (search, values, placed) = (&scope.settings, quick.values(), &entry.placed);
-    let (visible, straightened) = (BEYOND_SCREEN * entry.gain, BEYOND_SCREEN * entry.straightened);
-    let least = least_straightened(quick, scope);
-    visible > (search.further_share * (left - values)).max(search.material_power * values)
-        || straightened > least && penalty > least
-        || placed.effect.is_contact()
-        || placed.effect.side() == Side::Time
-        || scope.rules.suspects(placed, &scope.names)
-        || scope.skips(Step::Material)
 }
 
 /// Returns whether a further effect explains enough of the residual, or of the changes of the linear parameters.

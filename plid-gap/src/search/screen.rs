@@ -24,8 +24,6 @@ pub struct Entry<'a> {
     pub absorbed: f64,
     /// Energy (sum of squares) of the remaining trace of the effect, whitened and projected, at its best size.
     pub energy: f64,
-    /// Reduction of the linear parameters' penalty.
-    pub straightened: f64,
     /// The parameters of the run.
     tried: Vec<f64>,
     /// Factor on the trace of the run at the best size.
@@ -207,17 +205,7 @@ fn entry<'a>(
         }
         None => (2.0 * product - energy, energy, 1.0),
     };
-    let straightened = straightened(base, left, &own.solved, size);
-    gain.is_finite().then_some(Entry { placed, gain, absorbed, energy, straightened, tried, size })
-}
-
-/// Returns the reduction of the linear parameters' penalty if these parameters are refitted beside a trace of a size.
-fn straightened(base: &Base, left: &DMatrix<f64>, solved: &DVector<f64>, size: f64) -> f64 {
-    let change = |(k, (eta, std)): (usize, (&f64, &f64))| {
-        let to = eta + left[(k, 0)] - size * solved[k];
-        (eta * eta - to * to) / (std * std)
-    };
-    base.eta.iter().zip(&base.problem.nuisance.std).enumerate().map(change).sum()
+    gain.is_finite().then_some(Entry { placed, gain, absorbed, energy, tried, size })
 }
 
 /// Returns the change of the whitened outputs by each entry at its best size, scaled from its run.

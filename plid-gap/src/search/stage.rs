@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::effects::{Range, Setting};
 use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem, sum_of_squares};
 use crate::fit::refit::clipped;
-use crate::search::price::{Price, may_be_accepted};
+use crate::search::price::Price;
 use crate::search::rules::{Rules, Scope};
 use crate::search::screen::{Base, Entry, screen};
 use crate::search::windows::carried;
@@ -89,11 +89,10 @@ impl<'a> SearchStage<'a> {
             let effect = self.entries[k].placed.effect;
             quick.has_numbers() && (effect.is_number() || effect.is_contact())
         };
-        let hopeful = |k: usize| self.may_be_accepted(quick, &self.entries[k], price);
         let heads: Numbered<'a> = at
             .par_iter()
             .enumerate()
-            .filter(|&(rank, &k)| rank < fitted && self.entries[k].gain > 0.0 && hopeful(k) || always(k))
+            .filter(|&(rank, &k)| rank < fitted && self.entries[k].gain > 0.0 || always(k))
             .map(|(_, &k)| {
                 let new = || {
                     let mut all = self.from.effects.clone();
@@ -131,13 +130,6 @@ impl<'a> SearchStage<'a> {
             })
             .collect();
         (heads, whole)
-    }
-
-    /// Returns whether an entry may be accepted. Without effects so far, and in place of another effect, its fit counts
-    /// in any case.
-    fn may_be_accepted(&self, quick: &Problem, entry: &Entry, price: &Price) -> bool {
-        let counts = self.from.effects.is_empty() || self.incumbent.is_some() || quick.few();
-        counts || may_be_accepted(quick, price.scope, [sum_of_squares(&self.from.residual), self.from.penalty], entry)
     }
 
     /// Continues the best quick fits that have not yet reached their minimum, if the linear parameters are few: the
@@ -187,8 +179,6 @@ pub(super) struct Start<'a> {
     jacobian: Jacobian,
     residual: Vec<f64>,
     cost: f64,
-    /// Penalty of the linear parameters, before any of them are brought back.
-    penalty: f64,
 }
 
 impl<'a> Start<'a> {
@@ -203,8 +193,7 @@ impl<'a> Start<'a> {
         }
         let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
         let cost = sum_of_squares(&residual) + problem.penalty(&eta);
-        let (effects, penalty) = (fit.effects.clone(), problem.penalty(&fit.eta));
-        Self { effects, eta, plant, jacobian, residual, cost, penalty }
+        Self { effects: fit.effects.clone(), eta, plant, jacobian, residual, cost }
     }
 
     /// Fits the first samples with these effects. If a load and the poles that it moves have similar traces, a refit
@@ -275,50 +264,4 @@ pub fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
         placed.place = placed.effect.fitted_place(&placed.place, &placed.parameters);
     }
     fit
-}
-
-#[cfg(test)]
-mod tests {
-    use std::sync::Arc;
-
-    use super::*;
-    use crate::effects::{Library, Place, Side};
-    use crate::fit::candidate::same;
-    use crate::fit::refit::{STEPS, refit};
-    use crate::testing::laws::{at, prepared};
-
-    /// Beside a spring that explains the gap, only entries about which the screen says little are fitted. Beside a
-    /// spring that leaves friction, the friction is fitted.
-    #[test]
-    fn entries_that_cannot_be_accepted_are_not_fitted() {
-        let library = Library::standard();
-        let spring: fn(&Setting) -> Vec<f64> = |setting| vec![0.02 * setting.force[0] / setting.d_rms[0].powi(3)];
-        let friction: fn(&Setting) -> Vec<f64> = |setting| vec![0.02 * setting.force[0], 0.05 * setting.v_rms[0]];
-        for acting in
-            [&[("cubic-stiffness", spring)][..], &[("cubic-stiffness", spring), ("coulomb-friction", friction)]]
-        {
-            let ready = prepared(acting);
-            let mut settings = (*ready.problem.settings).clone();
-            // As if the linear parameters were many.
-            (settings.search.strong_parameters, settings.search.few_parameters) = (0, 0);
-            settings.search.material_power = 0.03;
-            let problem = &Problem { settings: Arc::new(settings), ..ready.problem.clone() };
-            let quick = problem.head(problem.settings.search.first_samples, &ready.noise);
-            let rules = Rules { suspects: &[], exclude: &[], without: &[] };
-            let (settings, names) = (problem.settings.search.clone(), problem.setting.names.clone());
-            let scope =
-                Scope { library: &library, rules: &rules, settings, names, off: vec![], bold: false, imperfect: false };
-            let price = Price::new(problem, &scope);
-            let found = at(&library, "cubic-stiffness", Place::Input(0), spring(&problem.setting));
-            let best = polish(problem, Fit { effects: vec![found], ..refit(problem, STEPS).as_fit() });
-            let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.admits(placed);
-            let stage = SearchStage::new(problem, &quick, &best, None, &there, &price, [12, 4]);
-            assert!(stage.entries.len() > 50);
-            let fitted = |named: &str| stage.quick.iter().any(|(k, _)| stage.entries[*k].placed.effect.name() == named);
-            assert_eq!(fitted("coulomb-friction"), acting.len() > 1);
-            let unsure = |placed: &Placed| placed.effect.is_contact() || placed.effect.side() == Side::Time;
-            let others = stage.quick.iter().filter(|(k, _)| !unsure(&stage.entries[*k].placed)).count();
-            assert_eq!(others > 0, acting.len() > 1, "{others} fits");
-        }
-    }
 }
